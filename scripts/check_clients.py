@@ -11,7 +11,7 @@ so that an interrupted check goes on; --again does it anew.
 
 LeRobot needs a python3.12 on the PATH. Packages come from where pip is told to look for them, by
 its variables and its configuration. They are installed with a constraint on torch, whose
-processor-only build is enough; torchvision, which brings another torch, is stood in for.
+processor-only build is enough.
 """
 
 from __future__ import annotations
@@ -53,7 +53,9 @@ class Client:
     script: str
     requirements: tuple[str, ...]
     bare: str = ""
-    """What is installed without what it asks for, torchvision among it, which is stood in for."""
+    """What is installed without what it asks for."""
+    stands_in: bool = False
+    """Whether a stand-in takes the place of torchvision."""
     python: str = sys.executable
     """The interpreter that it needs, such as `python3.12`."""
     environment: str = ""
@@ -67,7 +69,7 @@ LEROBOT = Client(
         *("datasets>=4.8,<5", "huggingface-hub>=1.6,<2", "jsonlines", "packaging<26", "torch"),
         *("numpy<2.3", "pandas<3", "pyarrow<30", "einops", "av>=15,<16", "draccus>=0.11.6,<0.12"),
         *("termcolor", "deepdiff", "accelerate", "gymnasium<2", "safetensors", "pillow<13"),
-        *("tqdm", "requests"),
+        *("tqdm", "requests", "torchvision", "opencv-python-headless<4.14"),
     ),
     bare="lerobot==0.6.1",
     python="python3.12",
@@ -79,6 +81,7 @@ CLIENTS = (
     Client("imitation", "read_imitation.py", ("imitation==1.0.1", "numpy<2", "pyarrow<22")),
     LEROBOT,
     replace(LEROBOT, name="LeRobot-release", environment="LeRobot"),
+    replace(LEROBOT, name="LeRobot-policy", script="evaluate_lerobot.py", environment="LeRobot"),
     replace(LEROBOT, name="EnvHub", script="use_envhub.py", environment="LeRobot"),
     Client(
         "IL-Datasets",
@@ -88,8 +91,10 @@ CLIENTS = (
             *("stable_baselines3", "sb3_contrib", "huggingface_sb3", "tensorboard-wrapper", "gym"),
         ),
         bare="IL-Datasets==1.0.0",
+        stands_in=True,
     ),
     Client("inspect-ai", "read_inspect.py", ("inspect-ai==0.3.285", "datasets>=4", "numpy")),
+    Client("maze-dataset", "count_maze_dataset.py", ("maze-dataset==1.4.2", "muutils<0.9")),
 )
 
 
@@ -160,7 +165,7 @@ def check(client: Client, folder: Path, hub: LocalHub) -> dict[str, Any]:
     constraints.write_text(f"{TORCH}\n", encoding="utf-8")
     install = [str(python), "-m", "pip", "install", "-q"]
     script = [str(SCRIPTS / client.script), str(folder), client.name.lower()]
-    if client.bare:
+    if client.stands_in:
         script.insert(0, str(SCRIPTS / "torchvision_stand_in.py"))
     interpreter = shutil.which(client.python)
     if interpreter is None:

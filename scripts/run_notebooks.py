@@ -1,7 +1,9 @@
 """Run the notebooks of examples/, each from a clean kernel in an empty folder, and there again.
 
-    python scripts/run_notebooks.py          # fails where a cell fails
-    python scripts/run_notebooks.py --write  # and keeps what the cells print and draw
+    python scripts/run_notebooks.py          # fails where a cell fails, or prints other words
+    python scripts/run_notebooks.py --write  # keeps what the cells print and draw
+
+Numbers are not compared: times differ from run to run, and training from machine to machine.
 
 Needs the extra `docs`. The kernel is that of this Python.
 """
@@ -10,14 +12,17 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import tempfile
 import time
+from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
 
 import nbformat
 from nbclient import NotebookClient
@@ -37,7 +42,7 @@ def run(path: Path, write: bool) -> tuple[str, bool]:
     """
     started = time.monotonic()
     notebook = nbformat.read(path, 4)
-    again = deepcopy(notebook)
+    kept, again = deepcopy(notebook), deepcopy(notebook)
     with tempfile.TemporaryDirectory() as folder:
         for each in (notebook, again):
             resources = {"metadata": {"path": folder}}
@@ -46,9 +51,39 @@ def run(path: Path, write: bool) -> tuple[str, bool]:
                 client.execute()
             except CellExecutionError as error:
                 return f"{path.name}: FAILED:\n{error}", False
+    drop_overwritten(notebook)
     if write:
         nbformat.write(notebook, path)
+    elif stale := [*map(str, changed(kept, notebook))]:
+        return f"{path.name}: cells {', '.join(stale)} print other words: --write keeps them", False
     return f"{path.name}: ran in {time.monotonic() - started:.0f} s", True
+
+
+def drop_overwritten(notebook: Any) -> None:
+    """Drop what the cells of a notebook print and a terminal writes over, such as progress."""
+    for cell in notebook.cells:
+        joined: list[Any] = []
+        for each in cell.get("outputs", ()):
+            is_text = each.output_type == "stream"
+            if is_text and joined and joined[-1].get("name") == each.name:
+                joined[-1].text += each.text  # What a program prints comes in pieces.
+            else:
+                joined.append(each)
+        for each in joined:
+            if each.output_type == "stream":
+                each.text = re.sub(r"[^\n]*\r(?!\n)", "", each.text).replace("\r\n", "\n")
+        if joined:
+            cell.outputs = [each for each in joined if each.get("text") != ""]
+
+
+def changed(kept: Any, now: Any) -> Iterator[int]:
+    """Yield the number of each cell of a notebook that prints other words than are kept."""
+    for number, cells in enumerate(zip(kept.cells, now.cells, strict=True)):
+        before, after = (
+            "".join(str(each.get("text", "")) for each in cell.get("outputs", ())) for cell in cells
+        )
+        if re.sub(r"[\d\s.,:%-]+", " ", before) != re.sub(r"[\d\s.,:%-]+", " ", after):
+            yield number
 
 
 def main() -> int:

@@ -116,3 +116,28 @@ def test_the_hash_of_a_load_follows_from_values_types_and_shapes() -> None:
     assert first == second != third
     with pytest.raises(TypeError, match="has nothing that is compared"):
         corpus_part.digest(object())
+
+
+PROGRAM = """
+import sys
+from pathlib import Path
+
+if sys.argv[1] == "--help":
+    print("  size    rows and columns{more}")
+elif "size=0" in sys.argv:
+    sys.exit("error: size=0")
+else:
+    Path("given").write_text(" ".join(sys.argv[1:]))
+"""
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_an_option_in_brackets_is_for_trees_that_know_it(tmp_path: Path, known: bool) -> None:
+    more = r"\n  grow    let it grow" if known else ""
+    (tmp_path / "run.py").write_text(PROGRAM.replace("{more}", more))
+    tree = corpus.Tree(tmp_path, tmp_path / "made")
+    tree.run("size=5 [grow=true]")
+    given = (tree.folder / "given").read_text()
+    assert given == ("size=5 grow=true workers=1" if known else "size=5 workers=1")
+    with pytest.raises(RuntimeError, match=r"(?s)made: .*size=0.*error: size=0"):
+        tree.run("size=0")

@@ -161,9 +161,10 @@ def test_the_last_lines_of_the_tests_name_the_programs_that_are_missing(tmp_path
     )
     assert done.returncode == 0, done.stdout
     *_, missing, install, count = done.stdout.splitlines()
-    assert missing == "10 tests skipped; programs not installed: bash pngcheck zsh"
+    found = re.fullmatch(r"(\d+) tests skipped; programs not installed: bash pngcheck zsh", missing)
+    assert found is not None, missing
     assert "apt-get install bash pngcheck zsh " in install
-    assert re.match("10 skipped in ", count)
+    assert re.match(f"{found[1]} skipped in ", count)
 
 
 def test_the_list_of_defects_names_tests_that_exist():

@@ -111,9 +111,9 @@ def parser() -> argparse.ArgumentParser:
     solve = command("solve", "Print a shortest route as the actions to take.")
     new = command("new", "Draw a random labyrinth and print its text.")
     text = (
-        "Print the text of a labyrinth that is given in another form. Files that end in .npy or "
-        ".npz hold wall grids or mazes of maze-dataset; a folder or a .zip holds several files; "
-        "any other file is a list of edges."
+        "Print the text of a labyrinth that is given in another form. A file that ends in .npy "
+        "holds wall grids or mazes of maze-dataset; a folder holds several files; any other file "
+        "is a list of edges."
     )
     convert = command("convert", text)
 

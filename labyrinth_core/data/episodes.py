@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.parse_many import parse_many
@@ -160,11 +161,16 @@ class Episodes:
         return tables[self.which, self.states]
 
 
-def replayed(blocks: Iterable[Rows]) -> Generator[Episodes]:
+def replayed(blocks: Iterable[Rows], config: DatasetConfig | None = None) -> Generator[Episodes]:
     """Yield the episodes of rows in order, many together.
 
+    Args:
+        blocks: The rows.
+        config: The dataset, whose size and task all labyrinths have to have; None for any.
+
     Raises:
-        DatasetError: The rows do not make episodes; raised after the episodes before that row.
+        DatasetError: The rows do not make episodes, or a labyrinth has another size or task; raised
+            after the episodes before that row.
     """
     for whole in grouped(blocks):
         rows = whole.rows
@@ -174,13 +180,14 @@ def replayed(blocks: Iterable[Rows]) -> Generator[Episodes]:
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
             some = whole.take(slice(begin, end)) if len(begins) > 1 else whole
-            yield from _replayed(some)
+            yield from _replayed(some, config)
 
 
-def _replayed(whole: WholeEpisodes) -> Generator[Episodes]:
+def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[Episodes]:
     """Yield episodes, all together if their texts are as ours, else one by one."""
     used, which = np.unique(whole.rows.info[whole.firsts], return_inverse=True)
-    episodes = _together(whole, [whole.rows.texts[place] for place in used.tolist()], which)
+    texts = [whole.rows.texts[place] for place in used.tolist()]
+    episodes = _together(whole, texts, which, config)
     if episodes is not None:
         yield episodes
         return
@@ -192,19 +199,35 @@ def _replayed(whole: WholeEpisodes) -> Generator[Episodes]:
         except ValueError as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"an episode cannot be replayed: {reason}") from error
-        single = _together(one, [dump(labyrinth)], np.zeros(1, np.int64))
+        single = _together(one, [dump(labyrinth)], np.zeros(1, np.int64), config)
         assert single is not None
         yield single
 
 
-def _together(whole: WholeEpisodes, texts: list[str], which: NDArray[np.int64]) -> Episodes | None:
+def _together(
+    whole: WholeEpisodes,
+    texts: list[str],
+    which: NDArray[np.int64],
+    config: DatasetConfig | None,
+) -> Episodes | None:
     """Return episodes, given the texts of labyrinths and the number of each episode's.
 
     Returns:
         None if a text is not canonical, an action is not one of the four, or one follows an end.
+
+    Raises:
+        DatasetError: A labyrinth has another size or task than the dataset.
     """
     actions = whole.rows.actions
     labyrinths = parse_many(texts)
+    if labyrinths is not None and config is not None:
+        of = labyrinths.structures
+        found = of.height, of.width, labyrinths.task
+        if found != (config.height, config.width, config.task):
+            raise DatasetError(
+                f"info: a labyrinth of {of.height}x{of.width}, {labyrinths.task}, in a dataset of "
+                f"{config.height}x{config.width}, {config.task}"
+            )
     # Only the last row of an episode has NO_ACTION.
     if labyrinths is None or ((actions < NO_ACTION) | (actions > 3)).any():
         return None

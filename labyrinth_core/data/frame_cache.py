@@ -29,7 +29,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.locks import locked
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import file_at, replacing, temporaries
-from labyrinth_core.data.transitions import COLUMNS, Columns, Transitions, joined_columns
+from labyrinth_core.data.transitions import COLUMNS, Columns, Transitions, joined_columns, mapped
 
 SUFFIX = ".frames.npy"
 """The end of the names of cache files."""
@@ -131,9 +131,9 @@ def _read(path: Path, key: str) -> Transitions | None:
 def _parts(path: Path) -> tuple[NDArray[Any], Columns, bytes]:
     """Return the frames, the columns and the hash in a cache file; ValueError for another file."""
     with file_at(path).open("rb") as file:
-        mapped = np.asarray(np.memmap(path, np.uint8, "r"))
-        frames = _next(file, mapped, np.dtype("u1"))
-        columns = {name: _next(file, mapped, dtype) for name, dtype in COLUMNS.items()}
+        content = mapped(path, np.uint8)
+        frames = _next(file, content, np.dtype("u1"))
+        columns = {name: _next(file, content, dtype) for name, dtype in COLUMNS.items()}
         return frames, columns, file.read()
 
 
@@ -145,7 +145,7 @@ def _is_cache(path: Path) -> bool:
         return False
 
 
-def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
+def _next(file: BinaryIO, content: NDArray[np.uint8], dtype: np.dtype[Any]) -> NDArray[Any]:
     """Return the mapped array that begins where a file is read, or raise ValueError."""
     npy.read_magic(file)
     try:
@@ -157,7 +157,7 @@ def _next(file: BinaryIO, mapped: NDArray[np.uint8], dtype: np.dtype[Any]) -> ND
     begin = file.tell()
     end = begin + math.prod(shape) * dtype.itemsize
     file.seek(-(-end // _ALIGNMENT) * _ALIGNMENT)
-    return mapped[begin:end].view(dtype).reshape(shape)
+    return content[begin:end].view(dtype).reshape(shape)
 
 
 def _digest(key: str, frames: tuple[int, ...], columns: Columns) -> bytes:

@@ -81,11 +81,3 @@ def table_rows(folder: AnyPath, manifest: Manifest) -> Iterator[dict[str, Any]]:
     with table_file(folder, manifest) as path, pq.ParquetFile(path) as file:
         for batch in file.iter_batches():
             yield from batch.to_pylist()
-
-
-def labyrinths_of(table: Path) -> set[tuple[str, str]]:
-    """Return the split and the id of each labyrinth in the file of a table."""
-    import pyarrow.parquet as pq
-
-    columns = pq.read_table(table, columns=["split", "labyrinth_id"]).to_pydict()
-    return set(zip(columns["split"], columns["labyrinth_id"], strict=True))

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import frame_cache
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
@@ -90,8 +91,9 @@ def load_transitions(  # noqa: D417
         found = _in_memory(part, spec)
     if not optimal:
         return found
-    blocks = [block.optimal()[block.acting] for block in replayed(part.rows(pictures=False))]
-    return replace(found, optimal=np.concatenate(blocks))
+    blocks = replayed(part.rows(pictures=False), part.config)
+    acting = [block.optimal()[block.acting] for block in blocks]
+    return replace(found, optimal=np.concatenate(acting))
 
 
 def _cached(
@@ -102,7 +104,7 @@ def _cached(
         folder = frame_cache.user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         key, size = _key(part, spec), int(spec.image_size)
         path = folder / frame_cache.name_of(part.folder.name, split, size, key)
-        content = _observed(_parts(part.rows(pictures=spec.decodes), spec), spec)
+        content = _observed(_parts(part.rows(pictures=spec.decodes), spec, part.config), spec)
         return frame_cache.load(path, key, (len(part), size, size, 3), content)
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
@@ -115,7 +117,7 @@ def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
 
     Joining pictures that were made one part after the other takes twice as long.
     """
-    blocks = list(replayed(part.rows(pictures=spec.decodes)))
+    blocks = list(replayed(part.rows(pictures=spec.decodes), part.config))
     count = sum(len(block.states) for block in blocks)
     parts = (some for block in blocks for some in block.parts(spec.together))
     shape = (count, spec.image_size, spec.image_size, 3)
@@ -144,9 +146,11 @@ def _observed(
         raise DatasetError("there is no episode in the split")
 
 
-def _parts(rows: Iterable[Rows], spec: ObservationSpec) -> Iterator[Episodes]:
+def _parts(
+    rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None
+) -> Iterator[Episodes]:
     """Yield the episodes of rows, as many together as are observed at once."""
-    for block in replayed(rows):
+    for block in replayed(rows, config):
         yield from block.parts(spec.together)
 
 
@@ -203,10 +207,13 @@ def load_episodes(
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     wanted = Wanted(source, config, split, revision, labyrinths, where)
-    return episodes_of(find_part(wanted).rows(pictures=spec.decodes), spec)
+    part = find_part(wanted)
+    return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
 
 
-def episodes_of(rows: Iterable[Rows], spec: ObservationSpec) -> Generator[LoadedEpisode]:
-    """Yield the episodes that rows make."""
-    for episodes in _parts(rows, spec):
+def episodes_of(
+    rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
+) -> Generator[LoadedEpisode]:
+    """Yield the episodes that rows make; see `replayed`."""
+    for episodes in _parts(rows, spec, config):
         yield from loaded(episodes, spec.observe(episodes))

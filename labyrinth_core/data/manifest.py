@@ -27,7 +27,6 @@ from labyrinth_core.version import __version__
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
 """The name of the file of the stage `analyse`, in the same folder."""
-COUNTS = "counts.json"
 """The name of the file of what is counted in the rows, in the same folder."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and that of one whose structures come from several chunks of

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import (
@@ -50,6 +51,8 @@ class Part:
     """Which of the split's first rows are those of the labyrinths, shape (n,); None for all."""
     place: RemotePath | None = None
     """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+    config: DatasetConfig | None = None
+    """The dataset, if it is known; see `replayed`."""
 
     def __len__(self) -> int:
         """Return the number of its rows."""
@@ -198,10 +201,10 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     if wanted.labyrinths is None and wanted.where is None and not in_place:
         folder = wanted.locate([f"{wanted.split}-*.parquet"])
         manifest = Manifest.read(folder)
-        return Part(folder, manifest.of(wanted.split))
+        return Part(folder, manifest.of(wanted.split), config=manifest.config)
     folder = wanted.locate([])
     manifest = Manifest.read(folder)
-    part = Part(folder, manifest.of(wanted.split))
+    part = Part(folder, manifest.of(wanted.split), config=manifest.config)
     if local_folder(wanted.source, wanted.config, wanted.revision) is None:
         commit = folder.parent.name
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Any, NoReturn
 
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.reading import regular_file
 
 _MOST = 1e15
 """No number of ours is larger, and the page of the report holds this one exactly."""
@@ -84,11 +83,10 @@ def read_json(path: AnyPath) -> Any:
     """Return what a JSON file holds.
 
     Raises:
-        OSError, ValueError, RecursionError: It cannot be read, is not a regular file, or holds a
-            NaN, an infinity, or an object that has a name twice.
+        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN, an infinity, or an
+            object that has a name twice.
     """
-    content = regular_file(path).read_bytes()
-    return json.loads(content, parse_constant=_no_number, object_pairs_hook=_unambiguous)
+    return json.loads(path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous)
 
 
 def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -92,4 +92,5 @@ def _has_episodes(folder: AnyPath) -> bool:
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     names = (path.split("/")[-2] for path in manifests)
     held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
-    return DatasetError(f"config={config}: {source} holds {', '.join(held) or 'none'}")
+    none = f"none: a dataset has a {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

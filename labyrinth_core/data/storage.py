@@ -21,7 +21,6 @@ from typing import Any, BinaryIO, cast
 from uuid import uuid4
 
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.language.reading import regular_file
 
 
 def folder_at(place: str | Path) -> AnyPath:
@@ -242,7 +241,7 @@ def write_text(path: AnyPath, text: str) -> None:
 def file_sha256(path: AnyPath) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
-    with regular_file(path).open("rb") as file:
+    with path.open("rb") as file:
         while block := file.read(1 << 20):
             digest.update(block)
     return digest.hexdigest()
@@ -264,7 +263,7 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
     Its path is absolute, as Arrow takes a relative one with a colon for a URL.
     """
     if isinstance(path, Path):
-        yield regular_file(path).absolute()
+        yield path.absolute()
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
         local = Path(folder) / path.name

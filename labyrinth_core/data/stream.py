@@ -50,11 +50,16 @@ def _rows_shuffled(shuffle: bool | int) -> int:
 
 def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
     """Return the rank of this process and the number of ranks, perhaps of torchrun."""
-    if rank is None and ranks is None:
-        given = os.environ.get("RANK", "0"), os.environ.get("WORLD_SIZE", "1")
-        rank, ranks = (int(text) if text.isdecimal() else text for text in given)
-    ranks = whole("world_size", ranks, 1)
-    return whole("rank", rank, 0, ranks - 1), ranks
+    if rank is not None or ranks is not None:
+        ranks = whole("world_size", ranks, 1)
+        return whole("rank", rank, 0, ranks - 1), ranks
+    given = os.environ.get("RANK"), os.environ.get("WORLD_SIZE", "1")
+    rank, ranks = (int(text) if text and text.isdecimal() else text for text in given)
+    ranks = whole("WORLD_SIZE", ranks, 1)
+    if rank is None and ranks == 1:
+        return 0, 1
+    allowed = f"a whole number from 0 to {ranks - 1}, as WORLD_SIZE={ranks}; or rank=, world_size="
+    return whole("RANK", rank, 0, ranks - 1, allowed=allowed), ranks
 
 
 class Stream(Generic[Item]):
@@ -239,7 +244,7 @@ class Stream(Generic[Item]):
         )
         if not spec.decodes:  # Many texts are parsed in less time together.
             blocks = [joined(some)] if (some := list(blocks)) else []
-        items = self._items_of(episodes_of(blocks, spec))
+        items = self._items_of(episodes_of(blocks, spec, found.config))
         if not self._buffer:
             return items
         every = list(items)
@@ -291,7 +296,8 @@ def stream_episodes(  # noqa: D417
             come in random order; a number says how many rows are held for the latter, True 4,096.
         seed: The order follows from this number and the epoch.
         rank: Number of this process, from 0; by default torchrun's `RANK`.
-        world_size: Number of processes; by default torchrun's `WORLD_SIZE`.
+        world_size: Number of processes; by default torchrun's `WORLD_SIZE`. Where another library
+            divides what it is given among ranks, give `rank=0, world_size=1`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
+from pathlib import Path
 from typing import Any, NamedTuple, overload
 
 import numpy as np
@@ -60,8 +62,8 @@ class TransitionBatch(NamedTuple):
 class Transitions:
     """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
 
-    Each state is kept once, and consecutive transitions share it. Arrays in a file of the cache are
-    read-only, and are sent to other processes as the name of the file.
+    Each state is kept once, and consecutive transitions share it; so all arrays are read-only.
+    Arrays in a file of the cache are sent to other processes as the name of the file.
     """
 
     frames: NDArray[Any]
@@ -78,6 +80,12 @@ class Transitions:
     """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
     optimal: NDArray[np.bool_] | None = None
     """Which of the four actions begin a shortest route, shape (N, 4), if it was asked for."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            array = getattr(self, each.name)
+            if array is not None:
+                array.setflags(write=False)
 
     def __len__(self) -> int:
         """Return the number of transitions, N."""
@@ -140,7 +148,7 @@ class Transitions:
     def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
         """Return several transitions in new memory; a `DataLoader` calls this for a batch.
 
-        The read-only arrays of a cache file cannot become tensors.
+        Read-only arrays make tensors that are not to be written to.
         """
         batch = self[np.asarray(indices, np.int64)]
         steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
@@ -156,33 +164,52 @@ class Transitions:
 
 
 def _received(*sent: Any) -> Transitions:
-    return Transitions(*(_mapped(*each) if isinstance(each, tuple) else each for each in sent))
+    return Transitions(*(_received_array(*e) if isinstance(e, tuple) else e for e in sent))
 
 
 def _sent(array: NDArray[Any] | None) -> NDArray[Any] | tuple[Any, ...] | None:
-    """Return an array, or the arguments of `numpy.memmap` if it is mapped from a file."""
-    mapped: Any = array
-    while mapped is not None and not isinstance(mapped, np.memmap):
-        mapped = getattr(mapped, "base", None)
-    # A writable array has to be copied, so that the other process does not write to the file.
-    if array is None or mapped is None or mapped.mode != "r" or not mapped.filename:
+    """Return an array, or the arguments of `mapped` if it is mapped from a file."""
+    base: Any = array
+    while base is not None and not isinstance(base, np.memmap):
+        base = getattr(base, "base", None)
+    # What may have been written to is not, or should not be, in the file.
+    if array is None or base is None or base.flags.writeable or not base.filename:
         return array
     if not array.flags.c_contiguous:
         return array
-    offset = mapped.offset + array.ctypes.data - mapped.ctypes.data
-    return str(mapped.filename), array.dtype.str, "r", offset, array.shape
+    offset = base.offset + array.ctypes.data - base.ctypes.data
+    return str(base.filename), array.dtype, offset, array.shape
 
 
-def _mapped(path: str, *layout: Any) -> NDArray[Any]:
+def _received_array(path: str, *layout: Any) -> NDArray[Any]:
     """Return the array that `_sent` described.
 
     Raises:
         DatasetError: The file is gone or has become shorter.
     """
     try:
-        return np.asarray(np.memmap(path, *layout))
+        return mapped(path, *layout)
     except (OSError, ValueError) as error:
         raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
+
+
+def mapped(
+    path: str | Path, dtype: Any, offset: int = 0, shape: tuple[int, ...] | None = None
+) -> NDArray[Any]:
+    """Return an array in a file, read-only; see `numpy.memmap`.
+
+    Torch writes to read-only arrays, too. Where the memory is not writable, the process crashes; so
+    it is, and what is written to it stays in this process. Linux refuses that for a file that is
+    larger than all memory.
+    """
+    try:
+        array = np.memmap(path, dtype, "c", offset, shape)
+    except OSError as error:
+        if error.errno != errno.ENOMEM:
+            raise
+        array = np.memmap(path, dtype, "r", offset, shape)
+    array.setflags(write=False)
+    return np.asarray(array)
 
 
 Columns = Mapping[str, NDArray[Any]]

@@ -268,8 +268,7 @@ def _in_our_form(policy: Any) -> Any:
         return policy
     if hasattr(policy, "reset") and hasattr(policy, "select_action"):
         raise PolicyError(
-            "policy: give one of LeRobot with its processors: "
-            "labyrinth_core.policies.lerobot.LeRobotPolicy(policy, *processors)"
+            "policy: give one of LeRobot with its processors, as examples/lerobot_policy.py does"
         )
     if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
         return policy

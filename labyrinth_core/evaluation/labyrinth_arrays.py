@@ -144,7 +144,7 @@ def load_arrays(
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
     part = find_part(Wanted(source, config, split, revision, labyrinths, where))
-    for block in replayed(part.rows(pictures=False)):
+    for block in replayed(part.rows(pictures=False), part.config):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
             if number not in held:

@@ -72,14 +72,13 @@ def scores_of(split: str, content: Mapping[str, Any], rules: Rules) -> Scores:
     """
     refuse(split, _miscounted(content, rules.episodes))
     episodes = Episodes.of_letters(content["outcomes"], content["moves"], rules.cells)
-    marks = content["known_route"]
     scores = Scores(
         episodes,
         np.array([int(each, 16) for each in content["labyrinth_ids"]], np.int64),
         np.array(content["distance"], np.int64),
         content["accuracy_on_demonstrations"],
         content["accuracy_elsewhere"],
-        known_route=None if marks is None else np.array([mark == "1" for mark in marks]),
+        known_route=np.array([mark == "1" for mark in content["known_route"]]),
     )
     refuse(split, _impossible(content, scores, rules))
     refuse(split, _other_figures(content, scores))
@@ -99,10 +98,8 @@ def _miscounted(content: Mapping[str, Any], episodes: int) -> Iterator[str]:
     for name in ("outcomes", "moves"):
         if len(content[name]) != episodes:
             yield f"{name} are of {len(content[name])} episodes in each labyrinth, not {episodes}"
-    parts = [(name, content[name]) for name in ("labyrinth_ids", "distance")]
+    parts = [(name, content[name]) for name in ("labyrinth_ids", "distance", "known_route")]
     parts += [(name, each) for name in ("outcomes", "moves") for each in content[name]]
-    if content["known_route"] is not None:
-        parts.append(("known_route", content["known_route"]))
     for name, part in parts:
         if len(part) != content["labyrinths"]:
             yield f"{name} are of {len(part)} labyrinths, not {content['labyrinths']}"

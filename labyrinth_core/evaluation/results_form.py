@@ -83,7 +83,7 @@ _SHAPE = {
         {
             **dict.fromkeys(DERIVED),
             "labyrinths": _COUNTED,
-            "known_route": Maybe(Text("[01]*")),
+            "known_route": Text("[01]*"),
             "accuracy_on_demonstrations": Maybe(SHARE),
             "accuracy_elsewhere": Maybe(SHARE),
             "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),

@@ -1,4 +1,4 @@
-"""Labyrinths in files of others: texts and arrays, alone, in a folder or in an archive.
+"""Labyrinths in files of others: texts and arrays, alone or in a folder.
 
 Nothing in a file is evaluated or unpickled. Each labyrinth that cannot be read is reported with its
 place, and the others are read.
@@ -8,33 +8,27 @@ from __future__ import annotations
 
 import io
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from tokenize import TokenError
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.reading import (
-    open_archive,
-    read_at_most,
-    regular_file,
-    unpack,
-)
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable
 from labyrinth_core.language.text import parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
 MAX_BYTES = 1 << 28
-"""The largest size of a file, and of each file in an archive once it is unpacked."""
+"""The largest size of a file."""
 
-ARCHIVES = {".npz": (".npy",), ".zip": (".labyrinth", ".npy", ".npz")}
-"""The endings of archives, and of the files in them that are read: never another of its kind."""
-KINDS = (*ARCHIVES[".zip"], ".zip")
+KINDS = (".labyrinth", ".npy")
 """The endings of the files that are read."""
+ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
+"""The endings of files that have to be unpacked first."""
 
 
 class Entry(NamedTuple):
@@ -43,7 +37,7 @@ class Entry(NamedTuple):
     split: str
     """The split that it belongs to, a name that files and folders can have."""
     place: str
-    """The file, and within it the name of the array and the index."""
+    """The file, and the index in its array."""
     found: Labyrinth | Structure | None
     """A structure if start and goal are not marked; None if it cannot be read."""
     problem: str = ""
@@ -51,8 +45,8 @@ class Entry(NamedTuple):
 
 
 def is_collection(path: Path) -> bool:
-    """Return whether a path is a folder, or a file with one of the endings that are read."""
-    return path.is_dir() or path.suffix.lower() in KINDS
+    """Return whether `read_collection` reads a path, or says that it has to be unpacked."""
+    return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -77,16 +71,12 @@ def files_in(folder: Path) -> list[Path]:
     return sorted(files)
 
 
-def read_collection(path: Path, *, max_bytes: int = MAX_BYTES) -> Iterator[Entry]:
+def read_collection(path: Path) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
-    A zip archive is read like a folder, and an .npz file like a folder of .npy files. The split is
-    the name of the first sub-folder on the way to a file; without one it is the name of the file,
-    or of the folder if the file is a text. Hidden files and folders are left out.
-
-    Args:
-        path: The file or folder.
-        max_bytes: The size from which on a file is refused, also a file in an archive.
+    The split is the name of the first sub-folder on the way to a file; without one it is the name
+    of the file, or of the folder if the file is a text. Hidden files and folders are left out. An
+    archive is a problem: it has to be unpacked first.
 
     Raises:
         OSError: A file or a folder cannot be read.
@@ -94,63 +84,40 @@ def read_collection(path: Path, *, max_bytes: int = MAX_BYTES) -> Iterator[Entry
     folder = path if path.is_dir() else path.parent
     name = path.resolve().name if path.is_dir() else path.stem
     for file in files_in(path) if path.is_dir() else [path]:
-        inner = PurePosixPath(file.relative_to(folder).as_posix())
-        opened = partial(regular_file(file).open, "rb")
-        read = partial(read_at_most, opened, max_bytes)
-        yield from _entries(_File(str(file), None, name, inner, read), KINDS, max_bytes)
+        kind = file.suffix.lower()
+        if kind in KINDS + ARCHIVES:
+            (first, *rest) = file.relative_to(folder).parts
+            split = first if rest else (name if kind == ".labyrinth" else file.stem)
+            yield from _entries(file, kind, _safe(split))
 
 
-class _File(NamedTuple):
-    """A file to read, in a folder or in an archive."""
-
-    place: str
-    """Its path, for messages."""
-    split: str | None
-    """The split of everything in it, None if names tell."""
-    folder: str
-    """The name of the folder or archive."""
-    path: PurePosixPath
-    """Its path in that folder or archive."""
-    read: Callable[[], bytes]
-    """Returns its bytes."""
-
-
-def _entries(file: _File, kinds: Collection[str], max_bytes: int) -> Iterator[Entry]:
-    """Yield the labyrinths of a file, nothing if it has none of the given endings."""
-    kind = file.path.suffix.lower()
-    if kind not in kinds:
-        return
-    place = printable(file.place).replace("\n", "\\n")  # A name may be any text.
-    split = file.split or next(iter(file.path.parts[:-1]), None)
-    named = _safe(split or (file.folder if kind == ".labyrinth" else file.path.stem))
+def _entries(file: Path, kind: str, split: str) -> Iterator[Entry]:
+    """Yield the labyrinths of a file; its kind is its ending in lower case."""
+    place = printable(str(file)).replace("\n", "\\n")  # A name may be any text.
     try:
-        data = file.read()
+        data = _bytes(file)
         if kind == ".labyrinth":
-            yield _entry(named, place, lambda: parse(decode(data, place), file=place))
-        elif kind == ".npy":
-            for index, read in _in_array(_array(data)):
-                yield _entry(named, place + index, read)
+            yield _entry(split, place, lambda: parse(decode(data, place), file=place))
         else:
-            archive = open_archive(io.BytesIO(data))
-            for name, path in _members(archive.namelist(), file.path.stem):
-                member = partial(unpack, archive, name, max_bytes)
-                inner = _File(f"{place}: {name}", split, named, path, member)
-                yield from _entries(inner, ARCHIVES[kind], max_bytes)
+            for index, read in _in_array(_array(data)):
+                yield _entry(split, place + index, read)
     except ValueError as error:
-        yield Entry(named, place, None, f"{place}: {_line(error)}")
+        yield Entry(split, place, None, f"{place}: {_line(error)}")
 
 
-def _members(names: Iterable[str], packed: str) -> Iterator[tuple[str, PurePosixPath]]:
-    """Yield the name of each file in an archive that is not hidden, and its path.
+def _bytes(file: Path) -> bytes:
+    """Return the bytes of a file, of which no more are read than are allowed.
 
-    If all of them are in a folder of the archive's own name, that folder was packed, and the paths
-    to its sub-folders begin in it.
+    Raises:
+        ValueError: It has more, or is an archive.
     """
-    paths = {name: PurePosixPath(name.lstrip("/")) for name in names if not name.endswith("/")}
-    shown = {name: path for name, path in paths.items() if not any(map(_is_hidden, path.parts))}
-    within = all(path.is_relative_to(packed) for path in shown.values())
-    for name, path in sorted(shown.items()):
-        yield name, path.relative_to(packed) if within and len(path.parts) > 2 else path
+    with file.open("rb") as stream:
+        if file.suffix.lower() in ARCHIVES:
+            raise ValueError("unpack this archive, and give the folder")
+        data = stream.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
+    return data
 
 
 def _is_hidden(name: str) -> bool:

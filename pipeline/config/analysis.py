@@ -13,7 +13,7 @@ class LeakageOptions:
 
     source: str | None = option(
         None,
-        "dataset from elsewhere to analyse: a file or a folder of .labyrinth, .npy or .npz files "
+        "dataset from elsewhere to analyse: a file or a folder of .labyrinth or .npy files "
         "by split, or any folder or id on the Hub with the column info",
     )
     config: str | None = option(None, "config of that dataset, if it has several")

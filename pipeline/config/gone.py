@@ -5,6 +5,10 @@ from __future__ import annotations
 GONE = {
     "demonstrations.pieces": "cut episodes after loading, as docs/loading.md shows",
     "analysis": "run scripts/studies/compare_environments.py in a clone",
+    "publish.branch": "publish to main, and make the branch from the tag with the Hub's client",
+    "publish.collection": "add the repository to a collection with the Hub's own button",
+    "publish.create_pr": "publish to a repository of your own, or upload with the Hub's client",
+    "publish.space": "upload report/index.html to a static Space with the Hub's own button",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
     "memory": "leave it out for false; docs/results/ARCHIVE.md names the commit that has true",
     "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",

@@ -12,9 +12,6 @@ from pipeline.config.export import RELEASED, ExportOptions
 from pipeline.config.option import check_options, option
 from pipeline.config.training import TrainingOptions
 
-_PART = r"(?!\.)[\w.-]+(?<!\.)(?<!\.lock)"
-_BRANCH = rf"(?!-|HEAD$|.*\.\.){_PART}(/{_PART})*"
-"""What `git check-ref-format --branch` allows, of letters and digits and `_ . - /`."""
 _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 
@@ -29,13 +26,12 @@ def _id(kind: str, purpose: str, example: str) -> Any:
 
 @dataclass(frozen=True)
 class PublishOptions:
-    """Where and how a dataset, its export and environment, a policy and a report are published."""
+    """Where and how a dataset, its export and environment, and a policy are published."""
 
     repo_id: str = _id("dataset", "", "user/labyrinth")
     model: str = _id(
         "model", " for the policy of the run that method, size and so on name", "user/planner-5x5"
     )
-    space: str = _id("Space", " for the report", "user/labyrinth-report")
     export: str = _id("dataset", " for the export in export.format", "user/labyrinth-lerobot")
     env: str = _id(
         "model",
@@ -49,13 +45,6 @@ class PublishOptions:
     )
     dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
     private: bool = option(False, "make the repository private, if it has to be made")
-    branch: str = option(
-        "main", "branch to release on", like=(_BRANCH, "the name of a branch, such as main")
-    )
-    create_pr: bool = option(False, "open a pull request instead")
-    collection: str | None = option(
-        None, "title of a collection on the Hub that what is published joins"
-    )
 
 
 def check_publish(
@@ -68,11 +57,11 @@ def check_publish(
         export: Those of the export that is published.
         training: Those of the run whose policy is published, and of the dataset.
     """
-    of_dataset = bool(publish.model or publish.space or publish.env)
+    of_dataset = bool(publish.model or publish.env)
     check(
         of_dataset or bool(publish.repo_id or publish.export),
         "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
-        "publish.model, publish.space, publish.export or publish.env",
+        "publish.model, publish.export or publish.env",
     )
     check_options(publish, PublishOptions, "publish.")
     if publish.export:

@@ -86,6 +86,9 @@ class PlaceOptions:
     overwrite: bool = option(
         False, "replace a finished dataset, run or export that was made with other options"
     )
+    grow: bool = option(
+        False, "extend a finished dataset to more labyrinths or shifts, in place of the old one"
+    )
     workers: int = option(1, "processes", at_least=1, at_most=1_000)
     executor: str = option(
         "local",

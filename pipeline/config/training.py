@@ -31,6 +31,9 @@ METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
 
+SUBMISSIONS = "submissions"
+"""The folder in `results_dir` that holds results of others' policies."""
+
 
 @dataclass(frozen=True)
 class Protocol:

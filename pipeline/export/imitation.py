@@ -7,46 +7,79 @@ lists of numbers, which it reads back slowly and as int64; it reads PNG files as
 
 from __future__ import annotations
 
+import hashlib
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.storage import write_text
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
+if TYPE_CHECKING:
+    import pyarrow as pa
+
 
 def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     """Write a split into an empty folder, as `Dataset.save_to_disk` does, with a file per part."""
-    import datasets
+    import pyarrow as pa
 
-    features = datasets.Features(
-        {
-            "obs": datasets.List(datasets.Image()),
-            "acts": datasets.List(datasets.Value("int64")),
-            "infos": datasets.List(datasets.Value("string")),
-            "terminal": datasets.Value("bool"),
-            "rews": datasets.List(datasets.Value("float32")),
-        }
-    )
-    info = datasets.DatasetInfo(
-        features=features, description=split.description, license=split.licence
-    )
+    schema = _schema()
     names: list[str] = []
-    state: dict[str, Any] = {}
-    datasets.disable_progress_bars()  # One of theirs for each part, instead of ours for all.
     for part in in_parts(_rows(split), part_bytes):
-        place = folder / "part"
-        datasets.Dataset.from_list(part, info=info).save_to_disk(place, num_shards=1)
-        state = json.loads((place / "state.json").read_bytes())
-        (file,) = state["_data_files"]
         names.append(f"data-{len(names):05d}.arrow")
-        (place / file["filename"]).replace(folder / names[-1])
-        (place / "dataset_info.json").replace(folder / "dataset_info.json")
-        shutil.rmtree(place)
-    state["_data_files"] = [{"filename": name} for name in names]
-    write_text(folder / "state.json", json.dumps(state, indent=2, sort_keys=True))
+        with (folder / names[-1]).open("wb") as file, pa.ipc.new_stream(file, schema) as stream:
+            stream.write_table(pa.Table.from_pylist(part, schema))
+    info = {
+        "citation": "",
+        "description": split.description,
+        "features": _FEATURES,
+        "homepage": "",
+        "license": split.licence,
+    }
+    write_text(folder / "dataset_info.json", json.dumps(info, indent=2))
+    state: dict[str, Any] = {
+        "_data_files": [{"filename": name} for name in names],
+        "_fingerprint": hashlib.sha256(json.dumps(split.record()).encode()).hexdigest()[:16],
+        "_format_columns": None,
+        "_format_kwargs": {},
+        "_format_type": None,
+        "_output_all_columns": False,
+        "_split": None,
+    }
+    write_text(folder / "state.json", json.dumps(state, indent=2))
+
+
+def _list_of(dtype: str) -> dict[str, Any]:
+    return {"feature": {"dtype": dtype, "_type": "Value"}, "_type": "Sequence"}
+
+
+_FEATURES = {
+    "obs": {"feature": {"_type": "Image"}, "_type": "Sequence"},
+    "acts": _list_of("int64"),
+    "infos": _list_of("string"),
+    "terminal": {"dtype": "bool", "_type": "Value"},
+    "rews": _list_of("float32"),
+}
+"""The columns, as `datasets` describes them. Its versions before 4 know lists as `Sequence` alone;
+later ones read that, but write `List`."""
+
+
+def _schema() -> pa.Schema:
+    """Return the Arrow schema of the columns, with their description."""
+    import pyarrow as pa
+
+    picture = pa.struct([("bytes", pa.binary()), ("path", pa.string())])
+    return pa.schema(
+        [
+            ("obs", pa.list_(picture)),
+            ("acts", pa.list_(pa.int64())),
+            ("infos", pa.list_(pa.string())),
+            ("terminal", pa.bool_()),
+            ("rews", pa.list_(pa.float32())),
+        ],
+        metadata={"huggingface": json.dumps({"info": {"features": _FEATURES}})},
+    )
 
 
 def _rows(split: Split) -> Iterator[tuple[int, dict[str, Any]]]:

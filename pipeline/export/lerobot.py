@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from itertools import chain, repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,11 +52,11 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    statistics = FrameStatistics()
+    sums: dict[str, Sums] = {}
     schema = _frame_schema()
     (folder / EPISODES).parent.mkdir(parents=True)
     with pq.ParquetWriter(folder / EPISODES, _episode_schema()) as episodes:
-        parts = in_parts(_frames_and_rows(split, statistics), part_bytes)
+        parts = in_parts(_frames_and_rows(split, sums), part_bytes)
         for number, part in enumerate(parts):
             chunk, file = divmod(number, CHUNK_FILES)
             path = folder / DATA.format(chunk_index=chunk, file_index=file)
@@ -69,16 +68,16 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
             episodes.write_table(pa.Table.from_pylist(rows, episodes.schema))
     task = str(split.manifest.config.task)
     pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
-    write_text(folder / "meta/stats.json", json.dumps(statistics.values(), indent=4))
+    write_text(folder / "meta/stats.json", json.dumps(_statistics(sums), indent=4))
     write_text(folder / "meta/info.json", json.dumps(_info(split), indent=4))
 
 
 def _frames_and_rows(
-    split: Split, statistics: FrameStatistics
+    split: Split, sums: dict[str, Sums]
 ) -> Iterator[tuple[int, tuple[dict[str, Any], dict[str, Any]]]]:
     """Yield each episode: the bytes of its pictures, then its frames and its row in the table.
 
-    Each episode is counted in the statistics.
+    Each episode is added to the sums.
     """
     first = 0
     task = str(split.manifest.config.task)
@@ -90,7 +89,9 @@ def _frames_and_rows(
                 f"split={split.name}: the table of labyrinths is not of its episodes"
             )
         frames = _frames(episode, number, first)
-        statistics.add({**frames, IMAGE: episode.observations})
+        own = {name: _sums(each) for name, each in (frames | {IMAGE: episode.observations}).items()}
+        for name, each in own.items():
+            sums[name] = _added(sums[name], each) if name in sums else each
         frames[IMAGE] = [png_value(picture) for picture in episode.observations]
         row = {
             "episode_index": number,
@@ -102,6 +103,11 @@ def _frames_and_rows(
             "meta/episodes/file_index": 0,
             "info": episode.info,
             **labyrinth,
+            **{
+                f"stats/{name}/{key}": value
+                for name, found in _statistics(own).items()
+                for key, value in found.items()
+            },
         }
         yield sum(len(picture["bytes"]) for picture in frames[IMAGE]), (frames, row)
         first += len(episode) + 1
@@ -201,7 +207,11 @@ def _frame_schema() -> pa.Schema:
 
 
 def _episode_schema() -> pa.Schema:
-    """Return the Arrow schema of the table of episodes, with the columns of our own table."""
+    """Return the Arrow schema of the table of episodes, with the columns of our own table.
+
+    LeRobot appends episodes in files of their own, with statistics and without our columns; it
+    reads them together only if the first file has all columns.
+    """
     import pyarrow as pa
 
     fields: list[tuple[str, Any]] = [
@@ -216,52 +226,71 @@ def _episode_schema() -> pa.Schema:
         ("meta/episodes/file_index", pa.int64()),
         ("info", pa.string()),
     ]
-    return pa.schema([*fields, *((each.name, each.type) for each in arrow_schema(TABLE_COLUMNS))])
+    fields += [(each.name, each.type) for each in arrow_schema(TABLE_COLUMNS)]
+    number = pa.list_(pa.float64())
+    for name, type_ in {
+        **dict.fromkeys(_SCALARS, number),
+        IMAGE: pa.list_(pa.list_(number)),
+    }.items():
+        fields += [(f"stats/{name}/{key}", type_) for key in STATISTICS]
+        fields.append((f"stats/{name}/count", pa.list_(pa.int64())))
+    return pa.schema(fields)
 
 
-@dataclass(frozen=True)
-class FrameStatistics:
-    """What was counted of each column so far, by which LeRobot's policies normalise what they see.
+Sums = NDArray[np.float64]
+"""Of a column, for each channel: its frames, values, their sum and that of their squares, and for
+each of `PERCENTS` the quantile times the frames; then the least and the largest value, (11, C)."""
 
-    Least, largest and mean value, standard deviation (ddof 0) and number of frames are those of
-    `lerobot.datasets.compute_stats`, but of all frames instead of some; of pictures for each
-    channel, brightness from 0 to 1.
-    """
+PERCENTS = (1, 10, 50, 90, 99)
 
-    sums: dict[str, NDArray[np.float64]] = field(default_factory=dict)
-    """Column -> frames, values, their sum, that of their squares, least and largest, (6, C)."""
+STATISTICS = ("min", "max", "mean", "std", *(f"q{percent:02d}" for percent in PERCENTS))
+"""The statistics by which LeRobot's policies normalise what they see, without the count of frames.
 
-    def add(self, columns: Mapping[str, NDArray[Any]]) -> None:
-        """Count some frames: pictures uint8 (N, height, width, 3), or numbers (N,)."""
-        for name, column in columns.items():
-            levels, counts = _counted(column)
-            occurs = counts > 0
-            new = np.array(
-                [
-                    np.full(len(counts), len(column)),
-                    counts.sum(1),
-                    counts @ levels,
-                    counts @ levels**2,
-                    levels[occurs.argmax(1)],
-                    levels[::-1][occurs[:, ::-1].argmax(1)],
-                ]
-            )
-            if (old := self.sums.get(name)) is not None:
-                new[:4] += old[:4]
-                new[4], new[5] = np.minimum(old[4], new[4]), np.maximum(old[5], new[5])
-            self.sums[name] = new
+They are those of `lerobot.datasets.compute_stats`, but of all frames instead of some; of pictures
+for each channel, brightness from 0 to 1. The standard deviation has ddof 0. A quantile of several
+episodes is, as there, the mean of theirs, weighted by their frames.
+"""
 
-    def values(self) -> dict[str, dict[str, list[Any]]]:
-        """Return the statistics of each column: those of pictures (3, 1, 1), of numbers (1,)."""
-        found = {}
-        for name, (frames, count, total, squares, least, largest) in self.sums.items():
-            mean = total / count
-            deviation = np.sqrt(np.maximum(0, squares / count - mean**2))
-            shape = (-1, 1, 1) if len(mean) > 1 else (-1,)
-            each = {"min": least, "max": largest, "mean": mean, "std": deviation}
-            found[name] = {key: value.reshape(shape).tolist() for key, value in each.items()}
-            found[name]["count"] = [int(frames[0])]
-        return found
+
+def _sums(column: NDArray[Any]) -> Sums:
+    """Return the sums of some frames: pictures uint8 (N, height, width, 3), or numbers (N,)."""
+    levels, counts = _counted(column)
+    occurs, values, below = counts > 0, counts.sum(1), counts.cumsum(1)
+    quantiles = [
+        len(column) * levels[(100 * below >= percent * values[:, None]).argmax(1)]
+        for percent in PERCENTS
+    ]
+    return np.array(
+        [
+            np.full(len(counts), len(column)),
+            values,
+            counts @ levels,
+            counts @ levels**2,
+            *quantiles,
+            levels[occurs.argmax(1)],
+            levels[::-1][occurs[:, ::-1].argmax(1)],
+        ]
+    )
+
+
+def _added(one: Sums, other: Sums) -> Sums:
+    """Return the sums of the frames of both."""
+    least, largest = np.minimum(one[-2], other[-2]), np.maximum(one[-1], other[-1])
+    return np.array([*(one[:-2] + other[:-2]), least, largest])
+
+
+def _statistics(sums: Mapping[str, Sums]) -> dict[str, dict[str, list[Any]]]:
+    """Return the statistics of each column: those of pictures (3, 1, 1), of numbers (1,)."""
+    found = {}
+    for name, (frames, count, total, squares, *quantiles, least, largest) in sums.items():
+        mean = total / count
+        deviation = np.sqrt(np.maximum(0, squares / count - mean**2))
+        shape = (-1, 1, 1) if len(mean) > 1 else (-1,)
+        values = [least, largest, mean, deviation, *(each / frames for each in quantiles)]
+        pairs = zip(STATISTICS, values, strict=True)
+        found[name] = {key: value.reshape(shape).tolist() for key, value in pairs}
+        found[name]["count"] = [int(frames[0])]
+    return found
 
 
 def _counted(column: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -33,7 +33,7 @@ from pipeline.machinery.folders import (
     remove,
     wait_for_disk,
 )
-from pipeline.machinery.own_files import HASHES, OwnFiles, list_all
+from pipeline.machinery.own_files import HASHES, OwnFiles, is_litter, list_all
 
 README = "README.md"
 """The card of all datasets of a folder, which may name their licence."""
@@ -56,11 +56,12 @@ def run(run: Run) -> None:
         _left_at(target, split, overwrite=run.options.overwrite)
     for target, split in zip(targets, splits, strict=True):
         with held(target.parent, target.name):
-            recover(target)
+            recover(target, HASHES)
             own = _left_at(target, split, overwrite=run.options.overwrite)
             damaged = sorted({name for name, _ in own.hashes if not own.has(name)})
             there = bool(own.hashes) and not damaged and _record(target) == split.record()
             if not there:
+                _check_replaceable(target, own)
                 with _made_whole(target) as folder:
                     write(split, folder)
                     write_text(folder / RECORD, json.dumps(split.record(), indent=2) + "\n")
@@ -116,23 +117,33 @@ def _left_at(target: Path, split: Split, *, overwrite: bool) -> OwnFiles:
         DatasetError: There is a SHA256SUMS of another program.
     """
     own = OwnFiles.read(target, always=RECORD)
-    names = {target / name for name, _ in own.hashes} | {target / HASHES}
-    folders = {folder for path in names for folder in path.parents}
-    others = [
-        path
-        for path in sorted(target.rglob("*"))
-        if not (path in names and path.is_file()) and not (path in folders and path.is_dir())
-    ]
-    problem = f"holds {others[0].relative_to(target)}, which no export has" if others else ""
-    if target.exists() and not target.is_dir():
-        problem = "is a file"
-    check(not problem, f"{target} {problem}: move it elsewhere, or choose another export.folder")
     check(
-        overwrite or not own.has(RECORD) or _record(target) == split.record(),
+        target.is_dir() or not target.exists(),
+        f"{target} is a file: move it elsewhere, or choose another export.folder",
+    )
+    if own.has(RECORD) and _record(target) == split.record():
+        return own
+    _check_replaceable(target, own)
+    check(
+        overwrite or not own.has(RECORD),
         f"{target} is an export of another dataset, or with other options: overwrite=true replaces "
         "it",
     )
     return own
+
+
+def _check_replaceable(target: Path, own: OwnFiles) -> None:
+    """Raise ConfigError if a file of a user is in the folder of an export."""
+    names = {target / name for name, _ in own.hashes} | {target / HASHES}
+    folders = {folder for path in names for folder in path.parents}
+    for path in sorted(target.rglob("*")):
+        name = path.relative_to(target)
+        is_own = (path in names and path.is_file()) or (path in folders and path.is_dir())
+        check(
+            is_own or is_litter(name),
+            f"{target} holds {name}, which no export has: move it elsewhere, or choose another "
+            "export.folder",
+        )
 
 
 def _record(target: Path) -> object:
@@ -148,7 +159,7 @@ def _made_whole(target: Path) -> Iterator[Path]:
         folder.mkdir(parents=True)
         yield folder
         wait_for_disk(folder)
-        move_into_place(folder, target)
+        move_into_place(folder, target, HASHES)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # Of h5py, either.

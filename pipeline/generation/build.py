@@ -16,6 +16,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -37,6 +38,7 @@ from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
 from pipeline.machinery.markdown import count
+from pipeline.machinery.own_files import is_litter
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
@@ -50,7 +52,7 @@ def run(
 ) -> None:
     """Build the dataset of a run, or a part of it, or what a finished one lacks.
 
-    A finished dataset lacks what is damaged or missing, or the labyrinths to grow by.
+    A finished dataset lacks what is damaged or missing, or the labyrinths and shifts to grow by.
 
     Args:
         run: The run.
@@ -113,13 +115,14 @@ def _check(run: Run, workplace: Workplace) -> None:
 def _there(run: Run) -> Manifest | None:
     """Return the manifest of the dataset in the folder of a run, None if it has none.
 
-    It was built with the same options, or with fewer labyrinths. In an object store, where files
-    are not replaced all at once, it has as many.
+    It was built with the same options, or with fewer labyrinths or shifts and is to grow. In an
+    object store, where files are not replaced all at once, it cannot.
     """
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
-        if not unfinished and folder.exists() and any(folder.iterdir()):
+        others = [] if unfinished or not folder.exists() else [*folder.iterdir()]
+        if not all(is_litter(path.name) for path in others):
             raise DatasetError(
                 f"{folder} holds files but no finished dataset: move them, or choose another "
                 "data_dir"
@@ -127,19 +130,36 @@ def _there(run: Run) -> Manifest | None:
         return None
     manifest = Manifest.read(folder)
     there, asked = manifest.config, run.dataset
-    differing = [
+    differing = "; ".join(
         f"{there.given(each.name)}, not {asked.given(each.name)}"
         for each in fields(there)
         if getattr(there, each.name) != getattr(asked, each.name)
-    ]
-    grows = replace(there, labyrinths=asked.labyrinths) == asked and isinstance(folder, Path)
-    grows = grows and there.labyrinths < asked.labyrinths
-    if differing and not grows:
+    )
+    same = replace(there, labyrinths=asked.labyrinths, shifts=asked.shifts) == asked
+    more = there.labyrinths <= asked.labyrinths and {*there.shifts} <= {*asked.shifts}
+    can_grow = same and more and isinstance(folder, Path)
+    if differing and can_grow and not run.options.grow:
         raise DatasetError(
-            f"{folder} holds a dataset with {'; '.join(differing)}: "
+            f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
+            f"another data_dir; {_what_refers_to(manifest, run)}"
+        )
+    if differing and not can_grow:
+        raise DatasetError(
+            f"{folder} holds a dataset with {differing}: "
             "choose another data_dir, or give overwrite=true to replace it"
         )
     return manifest
+
+
+def _what_refers_to(manifest: Manifest, run: Run) -> str:
+    """Return which runs and results on this machine are of a dataset, by its fingerprint."""
+    folders = Path(run.options.run_dir) / manifest.config.name, Path(run.options.results_dir)
+    files = chain.from_iterable(folder.expanduser().rglob("*.json") for folder in folders)
+    mark = manifest.fingerprint.encode()
+    found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
+    named = ", ".join(sorted(found)[:2]) or "runs and results"
+    more = f" and {len(found) - 2} more" if len(found) > 2 else ""
+    return f"{named}{more} of the dataset as it is would refer to one that is gone"
 
 
 def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[[], Plan]) -> None:

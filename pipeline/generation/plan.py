@@ -70,11 +70,9 @@ def plan_shards(
     shards = -(-config.labyrinths // size)
     old: dict[tuple[str, int], OldShard] = {}
     if shorter is not None and isinstance(run.folder, Path):
-        old = unchanged(run.folder, shorter, sampled.structures, size)
-        say(
-            f"{run.folder} grows from {shorter.config.labyrinths:,} to {config.labyrinths:,} "
-            f"labyrinths: {len(old)} of {count(shards * len(config.splits), 'shard')} stay."
-        )
+        old = unchanged(run.folder, shorter, config.labyrinths, sampled.structures, size)
+        total = count(shards * len(config.splits), "shard")
+        say(f"{run.folder} grows: {len(old)} of {total} stay.")
     jobs = [
         ShardJob(
             config,
@@ -93,16 +91,21 @@ def plan_shards(
 
 
 def unchanged(
-    folder: Path, shorter: Manifest, structures: Mapping[str, Records], size: int
+    folder: Path,
+    shorter: Manifest,
+    labyrinths: int,
+    structures: Mapping[str, Records],
+    size: int,
 ) -> dict[tuple[str, int], OldShard]:
     """Return the shards that stay as they are, by split and the number of the first labyrinth.
 
-    Those are all that the shorter dataset has filled, or none if it was built with other versions
+    Those are all in which no labyrinth is to be added, or none if it was built with other versions
     of libraries.
 
     Args:
         folder: The folder of the shorter dataset.
         shorter: Its manifest.
+        labyrinths: The number of labyrinths in each split of the longer one.
         structures: The structures of the longer one, for each split that has its own.
         size: The number of labyrinths in a shard.
 
@@ -117,17 +120,17 @@ def unchanged(
         for number, shard in enumerate(shards):
             own = facts[first : first + shard.labyrinths]
             first += shard.labyrinths
-            is_full = (number + 1) * size <= shorter.config.labyrinths
+            is_full = min((number + 1) * size, labyrinths) <= shorter.config.labyrinths
             if is_full and same_versions:
                 kept[split, number * size] = OldShard(folder / shard.path, shard, own)
         if split in structures:
-            _check_first(folder, shorter, facts[begin:first], structures[split])
+            _check_first(folder, facts[begin:first], structures[split])
     return kept
 
 
-def _check_first(folder: Path, shorter: Manifest, facts: Facts, records: Records) -> None:
+def _check_first(folder: Path, facts: Facts, records: Records) -> None:
     if not np.array_equal(facts["structure_id"], records["id"][: len(facts)]):
         raise DatasetError(
-            f"{folder} holds a dataset with labyrinths={shorter.config.labyrinths}, not all of "
-            "which are in a longer one: choose another data_dir, or give overwrite=true"
+            f"{folder} holds labyrinths that are not in the dataset with more labyrinths or "
+            "shifts: choose another data_dir, or give overwrite=true"
         )

@@ -68,9 +68,9 @@ def run(run: Run) -> None:
         manifest = Manifest.read(run.folder)
         place = Workplace.of(run.data_dir / name)
         place.recover()
-        place.refuse_others_files()
         there = front_matter.questions_of(run.data_dir, manifest)
         if there is None or place.damaged(there):
+            place.refuse_others_files()
             there = _make(run, manifest, place)
             state = f"has {sum(shard.rows for shard in there.shards):,} questions"
         else:

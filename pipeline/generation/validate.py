@@ -27,6 +27,7 @@ from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.own_files import is_litter
 
 PROBLEMS_SHOWN = 20
 
@@ -77,8 +78,8 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         total=sum(shard.rows for shard in manifest.shards),
     )
     listed = {TABLE, *(shard.path for shard in manifest.shards)}
-    unlisted = {path.name for path in folder.glob("*.parquet")} - listed
-    problems += [f"{name} is not in the manifest" for name in sorted(unlisted)]
+    unlisted = sorted({path.name for path in folder.glob("*.parquet")} - listed)
+    problems += [f"{name} is not in the manifest" for name in unlisted if not is_litter(name)]
     own: list[ShardReport] = []
     for report in reports:
         problems += report.problems

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +15,6 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     ANALYSIS,
-    COUNTS,
     MANIFEST,
     Manifest,
     Shard,
@@ -31,7 +31,7 @@ from labyrinth_core.data.storage import (
 )
 from pipeline.inspection.statistics import own_files
 from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
-from pipeline.machinery.own_files import HASHES
+from pipeline.machinery.own_files import HASHES, is_litter
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -62,7 +62,7 @@ class Workplace:
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
         if isinstance(self.folder, Path):
-            recover(self.folder)
+            recover(self.folder, MANIFEST)
 
     def refuse_others_files(self) -> None:
         """Raise DatasetError if a file is in the folder's place that no record says is ours."""
@@ -72,7 +72,7 @@ class Workplace:
             raise DatasetError(f"{self.folder} is a file: move it, or choose another data_dir")
         recorded = self._recorded()
         others = [p for p in self.folder.iterdir() if p.name not in recorded or not p.is_file()]
-        _refuse(self.folder, [path.name for path in others])
+        _refuse(self.folder, others)
 
     def _recorded(self) -> set[str]:
         """Return the names in the folder that our records say are ours.
@@ -82,7 +82,7 @@ class Workplace:
         are those of the build.
         """
         own = own_files(self.folder)
-        names = {path.name for path in own.unfinished([COUNTS, ANALYSIS, HASHES])}
+        names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         with suppress(DatasetError):
             manifest = Manifest.read(self.folder)
@@ -96,7 +96,8 @@ class Workplace:
     def damaged(self, manifest: Manifest) -> list[Shard]:
         """Return the shards of the finished dataset that are missing, or not what they were.
 
-        A file is hashed if it was written after the manifest, which is the last to be written.
+        A file is hashed; in a store, where that downloads it, only if it was written after the
+        manifest, which is the last to be written.
         """
         return [
             shard
@@ -114,7 +115,9 @@ class Workplace:
             found, changed = size_and_time(path)
             if found != size:
                 return False
-            return changed < size_and_time(manifest)[1] or file_sha256(path) == sha256
+            if isinstance(path, RemotePath) and changed < size_and_time(manifest)[1]:
+                return True
+            return file_sha256(path) == sha256
         except FileNotFoundError:
             return False
 
@@ -157,7 +160,7 @@ class Workplace:
         self.building.mkdir(parents=True, exist_ok=True)
         if isinstance(self.building, Path):
             unfinished = temporaries(self.building / _CONFIG)
-            others = [path.name for path in self.building.iterdir() if path not in unfinished]
+            others = [path for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
         write_text(self.building / _CONFIG, json.dumps(_content(config)))
 
@@ -220,7 +223,7 @@ class Workplace:
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
             wait_for_disk(self.shards)
-            move_into_place(self.shards, self.folder)
+            move_into_place(self.shards, self.folder, MANIFEST)
         else:
             manifest.write(self.folder)
         self.clear()
@@ -256,12 +259,11 @@ def _content(config: DatasetConfig | None) -> dict[str, Any]:
     }
 
 
-def _refuse(folder: AnyPath, others: list[str]) -> None:
-    """Raise DatasetError if there are others' files in a folder, given by name."""
-    if others:
-        named = ", ".join(sorted(others)[:3])
-        more = f" and {len(others) - 3} more" if len(others) > 3 else ""
+def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:
+    """Raise DatasetError if a file of a user is among those in a folder that are not ours."""
+    if names := sorted(path.name for path in others if not is_litter(path.name)):
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         raise DatasetError(
-            f"{folder} holds {named}{more}, which would be lost, being no part of a dataset: "
-            "move it elsewhere, or choose another data_dir"
+            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost, being no part of a "
+            "dataset: move it elsewhere, or choose another data_dir"
         )

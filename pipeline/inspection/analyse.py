@@ -1,7 +1,7 @@
 """The stage `analyse`: what the splits of a dataset have in common, and how they differ.
 
-It leaves `analysis.json` in the folder of the dataset, beside its counts; of a dataset from
-elsewhere it leaves the leakage in `analysis/` in `data_dir`.
+It leaves `analysis.json` in the folder of the dataset; of a dataset from elsewhere it leaves the
+leakage in `analysis/` in `data_dir`.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def _analyse(run: Run) -> Iterator[str]:
             "measures": [shift.to_json() for shift in shifts],
         },
     }
-    statistics.leave(folder, _as_text(content))
+    leave(folder, {ANALYSIS: _as_text(content).encode()}, ANALYSIS)
     yield from _leaks(leakage, {})
     yield f"{folder / ANALYSIS} has near-twins and tests of shift."
 

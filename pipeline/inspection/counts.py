@@ -6,10 +6,10 @@ One pass over a shard finds all of it. In memory are the labyrinths of one shard
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions
@@ -112,32 +111,6 @@ class SplitCounts:
         names = [each.name for each in fields(self)]
         both = SplitCounts(**{name: getattr(self, name) + getattr(other, name) for name in names})
         return replace(both, examples=both.examples[:EXAMPLES])
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the counts in plain types; counters as sorted pairs."""
-        values = dict(vars(self))
-        for name, value in values.items():
-            if isinstance(value, np.ndarray):
-                values[name] = value.tolist()
-            elif isinstance(value, Counter):
-                values[name] = sorted(value.items())
-        examples = [(dump(labyrinth), actions) for labyrinth, actions in self.examples]
-        return values | {"examples": examples}
-
-    @classmethod
-    def from_json(cls, values: Mapping[str, Any]) -> SplitCounts:
-        """Return the counts that `to_json` described.
-
-        Raises:
-            ValueError, LookupError, TypeError: The values describe something else.
-        """
-        known = dict(values)
-        for name in ("actions", "visits"):
-            known[name] = np.array(known[name], np.int64)
-        for name in ("lengths", "moves", "loops", "junctions"):
-            known[name] = Counter(dict(known[name]))
-        known["examples"] = [Example(parse(text), tuple(of)) for text, of in known["examples"]]
-        return cls(**known)
 
 
 @dataclass(frozen=True, eq=False)

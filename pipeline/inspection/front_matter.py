@@ -22,7 +22,6 @@ from labyrinth_core.evaluation.questions import (
     question_splits,
     questions_config,
 )
-from labyrinth_core.language.reading import regular_file
 
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
@@ -202,7 +201,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
         DatasetError: There is a README.md that is not of a dataset.
     """
     try:
-        content = regular_file(path).read_text(encoding="utf-8")
+        content = path.read_text(encoding="utf-8")
     except FileNotFoundError:
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:

@@ -1,21 +1,18 @@
 """What is known of a dataset: its counts, its certificate of disjointness, and its analysis.
 
-The stage `analyse` leaves the counts and the certificate in `counts.json` in the dataset's folder,
-and its findings in `analysis.json`; card and report read both. Where `counts.json` is missing, or
-counts other shards, the shards are counted again.
+Card and report count the shards, and read what the stage `analyse` left in `analysis.json` in the
+dataset's folder.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
-from labyrinth_core.data.rows import check_file
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.schema import (
     COUNT,
     SHARE,
@@ -28,25 +25,12 @@ from labyrinth_core.data.schema import (
     read_json,
 )
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from labyrinth_core.world.grid import Action
 from pipeline.inspection import front_matter
-from pipeline.inspection.certificate import Certificate, Keys, Pair, certify
+from pipeline.inspection.certificate import Certificate, Keys, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.own_files import OwnFiles, leave
-
-FORMAT = 1
-"""The format of `counts.json`."""
-
-ACTION_COLOURS: dict[Action, Colour] = {
-    Action.UP: DEFAULT_STYLE.agent,
-    Action.RIGHT: DEFAULT_STYLE.goal,
-    Action.DOWN: DEFAULT_STYLE.start,
-    Action.LEFT: DEFAULT_STYLE.key,
-}
-"""The colours of actions in figures."""
+from pipeline.machinery.own_files import OwnFiles
 
 MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""
@@ -101,32 +85,6 @@ class DatasetStatistics:
         """The number of rows of all splits."""
         return sum(counts.rows for counts in self.splits.values())
 
-    def leave(self, folder: AnyPath, analysis: str | None = None) -> None:
-        """Write counts and certificate into the folder of the dataset, and an analysis.
-
-        Raises:
-            DatasetError: A user's file is in the place of one.
-            OSError: The folder cannot be written.
-        """
-        content = _described(self.manifest) | {
-            "splits": {split: counts.to_json() for split, counts in self.splits.items()},
-            "certificate": asdict(self.certificate),
-        }
-        files = {COUNTS: f"{json.dumps(content)}\n".encode()}
-        if analysis is not None:
-            files[ANALYSIS] = analysis.encode()
-        leave(folder, files, COUNTS)
-
-
-def _described(manifest: Manifest) -> dict[str, Any]:
-    """Return what `counts.json` says of the dataset whose counts it holds."""
-    return {
-        "format": FORMAT,
-        "name": manifest.config.name,
-        "fingerprint": manifest.fingerprint,
-        "shards": {shard.path: shard.sha256 for shard in manifest.shards},
-    }
-
 
 def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[DatasetStatistics]:
     """Return the statistics of all finished datasets of a folder, the smallest first.
@@ -146,12 +104,8 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     for manifest in manifests:
         folder = data_dir / manifest.config.name
         analysis = read_analysis(folder, manifest)
-        known = read_counts(folder, manifest)
-        if known is None:
-            known = count_dataset(folder, manifest, workers, stage)
-        else:
-            _check_shards(folder, manifest, stage)
-        datasets.append(replace(known, analysis=analysis))
+        counted = count_dataset(folder, manifest, workers, stage)
+        datasets.append(replace(counted, analysis=analysis))
     return datasets
 
 
@@ -195,35 +149,7 @@ def own_files(folder: AnyPath) -> OwnFiles:
     Raises:
         DatasetError: There is a SHA256SUMS of another program.
     """
-    return OwnFiles.read(folder, always=COUNTS)
-
-
-def read_counts(folder: AnyPath, manifest: Manifest) -> DatasetStatistics | None:
-    """Return the statistics in `counts.json`; None if it is missing, damaged or of other shards."""
-    try:
-        content = read_json(folder / COUNTS)
-        if content | _described(manifest) != content:
-            return None
-        splits = {
-            split: SplitCounts.from_json(content["splits"][split])
-            for split in manifest.config.splits
-        }
-        certificate = content["certificate"]
-        pairs = tuple(Pair(**pair) for pair in certificate["pairs"])
-        return DatasetStatistics(manifest, splits, Certificate(**certificate | {"pairs": pairs}))
-    except (FileNotFoundError, *MALFORMED):
-        return None
-
-
-def _check_shards(folder: AnyPath, manifest: Manifest, stage: str) -> None:
-    """Raise DatasetError if a shard is missing, or differs from the manifest."""
-    shards = ((shard.rows, shard) for shard in manifest.shards)
-    for shard in tracked(shards, stage, sum(shard.rows for shard in manifest.shards)):
-        path = folder / shard.path
-        try:
-            check_file(path, shard, path)
-        except OSError as error:
-            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+    return OwnFiles.read(folder, always=ANALYSIS)
 
 
 def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:

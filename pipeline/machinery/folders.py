@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import sys
@@ -10,11 +11,24 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 from labyrinth_core.data.locks import locked
-from labyrinth_core.data.storage import AnyPath, RemotePath, temporaries, temporary_beside
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    replacing,
+    temporaries,
+    temporary_beside,
+)
 from pipeline.machinery.console import say
 
 _REPLACED = ".replaced"
 """The end of the name of a folder that another takes the place of."""
+
+_COMPLETE = ".complete"
+"""The end of the name of a folder whose files are copied to a place that cannot be renamed. The
+folder is complete once it has its mark."""
+
+_NOT_RENAMED = (errno.EXDEV, errno.EBUSY)
+"""The errors of a folder in a lower layer of a container's file system, and of a mount point."""
 
 
 @contextmanager
@@ -68,25 +82,66 @@ def wait_for_disk(folder: Path) -> None:
             _wait(path)
 
 
-def move_into_place(made: Path, folder: Path) -> None:
+def move_into_place(made: Path, folder: Path, mark: str) -> None:
     """Move a folder to its place, and remove a folder that is there.
 
-    After a crash on the way, `recover` puts the replaced folder back.
+    Where a folder cannot be renamed, its files are copied, the mark last. After a crash on the way,
+    `recover` puts the replaced folder back or goes on copying.
+
+    Args:
+        made: The new folder, beside its place or deeper, on the same disk.
+        folder: Its place.
+        mark: The name of the file without which readers take the folder for unfinished.
     """
-    if folder.exists():
-        folder.replace(temporary_beside(folder, _REPLACED))
-    made.replace(folder)
-    recover(folder)
+    try:
+        if folder.exists():
+            folder.replace(temporary_beside(folder, _REPLACED))
+        made.replace(folder)
+    except OSError as error:
+        if error.errno not in _NOT_RENAMED:
+            raise
+        complete = temporary_beside(folder, _COMPLETE)
+        for file in _files(made, mark):
+            place = complete / file.relative_to(made)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(place)
+        remove(made)
+    recover(folder, mark)
     _wait(folder.parent)
 
 
-def recover(folder: Path) -> None:
-    """Put a folder back that a crash in `move_into_place` displaced, or remove it."""
+def recover(folder: Path, mark: str) -> None:
+    """Complete a folder that a crash in `move_into_place` left, or put the replaced one back."""
+    for complete in temporaries(folder, _COMPLETE):
+        if (complete / mark).exists():
+            _copy(complete, folder, mark)
+        remove(complete)
     for replaced in temporaries(folder, _REPLACED):
         if folder.exists():
             remove(replaced)
         else:
             replaced.replace(folder)
+
+
+def _copy(complete: Path, folder: Path, mark: str) -> None:
+    """Copy a folder's files in place of what is in another, which has its mark only at the end."""
+    folder.mkdir(exist_ok=True)
+    for old in sorted(folder.iterdir(), key=lambda path: path.name != mark):
+        remove(old)
+    for file in _files(complete, mark):
+        if file == complete / mark:
+            wait_for_disk(folder)
+        place = folder / file.relative_to(complete)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(place) as temporary:
+            shutil.copy2(file, temporary, follow_symlinks=False)
+    wait_for_disk(folder)
+
+
+def _files(folder: Path, mark: str) -> list[Path]:
+    """Return the files of a folder at any depth, its mark last."""
+    files = (path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir())
+    return sorted(files, key=lambda path: path == folder / mark)
 
 
 def _wait(path: Path) -> None:

@@ -17,7 +17,7 @@ LEARN = "stages=[train,evaluate] method=bc", "learn from it"
 COMPARE = "stages=results", "compare it with others"
 """The options of what can be done next, and what that is for."""
 
-_OF_ONE_RUN = ("stages", "overwrite", "part", "policy", "leakage", "publish", "export")
+_OF_ONE_RUN = ("stages", "overwrite", "grow", "part", "policy", "leakage", "publish", "export")
 """Options, and groups of options, that are not repeated for what comes next."""
 
 

@@ -2,7 +2,7 @@
 
 `SHA256SUMS` lists what was left, with hashes. A file that it does not list, or lists with another
 hash, belongs to the user: it is neither written over, nor removed, nor published. What is made of
-many files, a dataset or an export, is replaced as a whole, and has no files but those listed.
+many files, a dataset or an export, is replaced as a whole, unless it holds a file of a user.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ import hashlib
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePath
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
@@ -21,13 +22,26 @@ from labyrinth_core.data.storage import (
     write_bytes,
     write_text,
 )
-from labyrinth_core.language.reading import regular_file
 from pipeline.machinery.folders import held
 
 HASHES = "SHA256SUMS"
 """The name of the list, which `sha256sum -c` reads."""
 
+_LITTER = (
+    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),
+    *(".nfs*", ".fuse_hidden*"),
+    *(".ipynb_checkpoints", "cache-*.arrow"),
+)
+"""Patterns, in lower case, of files and folders that desktops, network file systems and readers
+(Jupyter, `datasets`) leave anywhere."""
+
 _LINE = re.compile(r"([0-9a-f]{64})  (\S.*)")
+
+
+def is_litter(path: str | PurePath) -> bool:
+    """Return whether a path within a folder is that of a file that nobody misses: see `_LITTER`."""
+    parts = [part.lower() for part in PurePath(path).parts]
+    return any(fnmatchcase(part, pattern) for part in parts for pattern in _LITTER)
 
 
 @dataclass(frozen=True)
@@ -51,7 +65,7 @@ class OwnFiles:
         """
         path = folder / HASHES
         try:
-            text = regular_file(path).read_bytes().decode(errors="replace")
+            text = path.read_bytes().decode(errors="replace")
         except (FileNotFoundError, NotADirectoryError):
             return cls(folder, frozenset())
         lines = [_LINE.fullmatch(line) for line in text.splitlines()]

@@ -81,11 +81,6 @@ class Sheet:
         return file.getvalue()
 
 
-def text_width(text: str) -> float:
-    """Return the width of a line of small text, in pixels."""
-    return ImageFont.load_default(SMALL).getlength(text)
-
-
 def mixed(first: Colour, second: Colour, part: float) -> Colour:
     """Return the colour that is `part` of the way from the first to the second."""
     red, green, blue = (round(a + (b - a) * part) for a, b in zip(first, second, strict=True))

@@ -23,7 +23,6 @@ from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.machinery.own_files import OwnFiles
 from pipeline.release import readme
-from pipeline.release.changes import CHANGES, Changes
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
 from pipeline.release.files import (
@@ -32,9 +31,7 @@ from pipeline.release.files import (
     CROISSANT,
     EVAL,
     README,
-    changelog_of,
     own_files,
-    pictures_of,
     write_hashes,
 )
 from pipeline.release.provenance import Release
@@ -82,7 +79,6 @@ def write_card(
     data_dir: AnyPath,
     release: Release | None = None,
     *,
-    changes: Changes | None = None,
     workers: int = 1,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
@@ -93,7 +89,6 @@ def write_card(
     Args:
         data_dir: The folder.
         release: What is known of the release, if it is one.
-        changes: The labyrinths that came and went since the version before, if there was one.
         workers: The number of processes that read shards.
 
     Raises:
@@ -102,14 +97,13 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, release or Release(), changes, workers)
+        return _write_card(data_dir, release or Release(), workers)
 
 
-def _write_card(
-    data_dir: AnyPath, release: Release, changes: Changes | None, workers: int
-) -> list[DatasetStatistics]:
+def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
-    own, versions = own_files(data_dir), changelog_of(data_dir)
+    own = own_files(data_dir)
+    versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
     datasets = _without_leaks(data_dir, workers)
     manifests = [dataset.manifest for dataset in datasets]
     default = front_matter.default_config(manifests)
@@ -117,24 +111,16 @@ def _write_card(
     text = front_matter.with_generated(text, readme.text(datasets, default, release))
     files = {
         **_pictures(datasets, default),
+        CHANGELOG: changelog(versions, manifests, release.version).encode(),
         CROISSANT: croissant(datasets, release).encode(),
         CITATION: citation_file(release).encode(),
-        EVAL: eval_file(manifests, str(values.get("pretty_name", NAME))).encode(),
     }
-    if changes is not None:
-        files[CHANGES] = changes.table().encode()
+    if benchmark := eval_file(manifests, str(values.get("pretty_name", NAME))):
+        files[EVAL] = benchmark.encode()
     others = own.others(files)
     for name in others:
         del files[name]
-    if versions is None:
-        others.append(CHANGELOG)
-    else:
-        came_and_went = changes.lines() if changes is not None else []
-        text_ = changelog(versions, manifests, release.version, came_and_went)
-        files[CHANGELOG] = text_.encode()
     files[README] = _with_front_matter(values, manifests, text).encode()
-    for dataset in datasets:
-        dataset.leave(data_dir / dataset.name)
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
@@ -165,11 +151,10 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 
 def _gone(own: OwnFiles, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that were left of configs that are not there any more."""
-    config = re.compile(rf"{readme.PICTURES}/(\d+x\d+(?:-\w+)?)-\w+\.png", re.ASCII)
-    matches = (config.fullmatch(name) for name, _ in own.hashes)
-    configs = [match[1] for match in matches if match]
-    return [name for name in pictures_of(configs) if name not in files]
+    """Return the pictures that are not drawn any more, and the task of questions that are gone."""
+    picture = re.compile(rf"{readme.PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
+    left = [name for name, _ in own.hashes if picture.fullmatch(name) or name == EVAL]
+    return [name for name in left if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:

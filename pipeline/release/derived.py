@@ -1,4 +1,4 @@
-"""What is made of a dataset and published beside it: an export, its environment, its report.
+"""What is made of a dataset and published beside it: an export, its environment.
 
 An export is a repository that the library of its format reads from the Hub. It holds one config.
 LeRobot reads one dataset at the root, so that its repository holds one split. Minari reads a group
@@ -9,8 +9,6 @@ of datasets, whose ids begin with the name of the repository, as
 from __future__ import annotations
 
 import json
-import re
-import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -33,7 +31,6 @@ from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.model import published_dataset
 from pipeline.release.plan import LEROBOT, MINARI
 from pipeline.release.provenance import code, command_lines
-from pipeline.release.remote import SOURCES
 from pipeline.release.texts import citation, fill, paragraph
 
 KINDS = {"lerobot": LEROBOT, "minari": MINARI}
@@ -41,9 +38,6 @@ KINDS = {"lerobot": LEROBOT, "minari": MINARI}
 
 NAMESPACE_METADATA = "namespace_metadata.json"
 """The file by which Minari knows a group, and each group within a group."""
-
-PAGE = "index.html"
-"""The page of the report, in the folder where the stage `report` leaves it, and in its Space."""
 
 
 def loading(run: Run) -> str:
@@ -181,7 +175,7 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
         "tags": [library, "imitation-learning", "labyrinth", "maze", "arxiv:2509.24784"],
     }
     if repo_id is not None:
-        values[SOURCES] = [repo_id]
+        values["source_datasets"] = [repo_id]
     if format_ == "lerobot":  # As LeRobot's own cards have it: the frames, and not the metadata.
         files = [{"split": split, "path": "data/*/*.parquet"}]
         values["configs"] = [{"config_name": "default", "data_files": files}]
@@ -216,25 +210,3 @@ def stage_environment(run: Run, folder: Path, commit: str, manifest: Manifest) -
         citation=citation(),
     )
     write_text(folder / "README.md", card)
-
-
-def stage_report(run: Run, folder: Path) -> None:
-    """Write the files of the static Space of a run's report: its page and a card.
-
-    The card follows https://huggingface.co/docs/hub/spaces-config-reference.
-
-    Raises:
-        DatasetError: There is no report, or it is not as the stage `report` left it.
-    """
-    source = run.local_dir / "report"
-    page = source / PAGE
-    if not page.is_file():
-        raise DatasetError(f"{source} holds no report: run stages=report first")
-    own = OwnFiles.read(source, always=re.escape(PAGE))
-    if not own.has(PAGE):
-        raise DatasetError(
-            f"{page} is not as stages=report left it: move it away, and run that again"
-        )
-    dataset, _ = run.dataset_on_hub
-    shutil.copyfile(page, folder / PAGE)
-    write_text(folder / "README.md", fill("space.md", dataset=dataset, code=code()))

@@ -24,10 +24,6 @@ WAITS = (0.2, 1.0, 3.0)
 FAULTS = (HTTPError, JSONDecodeError)
 """What the client raises for a fault; the second where it takes an error page for JSON."""
 
-REFUSED = (401, 403)
-"""What the Hub answers if a token may not do something. A token for one repository, such as a
-trusted publisher gets, gets the first for all that is not in that repository."""
-
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 """What the client raises, since version 1.19, if a job cannot prove to the Hub what it is."""
 
@@ -58,16 +54,6 @@ def repeated(
                 raise
         time.sleep(seconds)
     return call()
-
-
-def allowed(call: Callable[[], Result]) -> Result | None:
-    """Return the result of a call that may be made twice, None if the token may not make it."""
-    try:
-        return repeated(call)
-    except HfHubHTTPError as error:
-        if status_of(error) not in REFUSED:
-            raise
-        return None
 
 
 def silence(error: Exception) -> SilentHubError | None:

@@ -2,37 +2,19 @@
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Collection, Mapping
-from itertools import accumulate
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
 from pipeline.inspection.counts import EXAMPLES, SplitCounts
-from pipeline.inspection.statistics import ACTION_COLOURS
 from pipeline.machinery.markdown import count
-from pipeline.release.canvas import (
-    INK,
-    LINE,
-    MARGIN,
-    MUTED,
-    PAPER,
-    SMALL,
-    TEXT,
-    WIDTH,
-    Sheet,
-    mixed,
-    tallness,
-    text_width,
-)
+from pipeline.release.canvas import INK, MARGIN, MUTED, PAPER, SMALL, WIDTH, Sheet, mixed, tallness
 
 Splits = Mapping[str, SplitCounts]
 """The counts of each split of a dataset, in the order of the table of splits."""
 
 _DEEP: Colour = (0, 52, 40)
-_MOST_BARS = 45
-"""The largest number of bars of a histogram; of more lengths, neighbours share a bar."""
 
 
 class Figure(NamedTuple):
@@ -67,7 +49,8 @@ def labyrinths(splits: Splits) -> Sheet:
     top = 0
     for name, split in splits.items():
         note = f"{count(split.labyrinths, 'labyrinth')}, {count(split.episodes, 'episode')}"
-        _heading(sheet, top, name, note)
+        sheet.text((MARGIN, top + 56), name)
+        sheet.text((WIDTH - MARGIN, top + 56), note, SMALL, MUTED, "rs")
         for place, example in enumerate(split.examples):
             left = MARGIN + place * (size + gap)
             sheet.labyrinth((left, top + heading), size, *example)
@@ -131,110 +114,6 @@ def _heat(part: float) -> Colour:
     return mixed(DEFAULT_STYLE.agent, _DEEP, 2 * part - 1)
 
 
-def actions(splits: Splits) -> Sheet:
-    """Return a bar for each split, divided by how often each action is taken."""
-    legend, heading, bar = 84, 66, 64
-    sheet = Sheet(height=legend + len(splits) * (heading + bar) + MARGIN)
-    left = float(MARGIN)
-    for action, colour in ACTION_COLOURS.items():
-        sheet.box(left, 30, left + 34, 64, colour)
-        sheet.text((left + 48, 60), action.name.lower(), SMALL)
-        left += 100 + text_width(action.name.lower())
-    top = legend
-    for name, split in splits.items():
-        _heading(sheet, top - 8, name, count(int(split.actions.sum()), "action"))
-        _divided_bar(sheet, top + heading, bar, split)
-        top += heading + bar
-    return sheet
-
-
-def _divided_bar(sheet: Sheet, top: float, height: float, split: SplitCounts) -> None:
-    shares = [float(split.action_shares[action]) for action in ACTION_COLOURS]
-    wide = WIDTH - 2 * MARGIN
-    ends = [MARGIN + wide * part for part in accumulate(shares, initial=0.0)]
-    for place, (share, colour) in enumerate(zip(shares, ACTION_COLOURS.values(), strict=True)):
-        left, right = ends[place], ends[place + 1]
-        sheet.box(left, top, right - (place < len(shares) - 1) * 2, top + height, colour)
-        if right - left >= text_width(f"{share:.0%}") + 12:
-            ink = INK if sum(colour) > 420 else PAPER
-            middle = ((left + right) / 2, top + height / 2)
-            sheet.text(middle, f"{share:.0%}", SMALL, ink, "mm")
-
-
-def lengths(splits: Splits) -> Sheet:
-    """Return a histogram of the lengths of demonstrations for each split that holds some."""
-    shown = {name: split for name, split in splits.items() if name != "random"}
-    heading, chart = 84, 150
-    sheet = Sheet(height=len(shown) * (heading + chart) + 112)
-    bars = _Bars.over(shown.values())
-    most = max(max(bars.of(split).values()) / split.episodes for split in shown.values())
-    for number, (name, split) in enumerate(shown.items()):
-        top = number * (heading + chart)
-        note = f"mean {split.mean_moves:.1f}, longest {split.longest:,}"
-        _heading(sheet, top, name, note)
-        bottom = top + heading + chart
-        sheet.box(MARGIN, bottom, WIDTH - MARGIN, bottom + 2, LINE)
-        for place, episodes in bars.of(split).items():
-            left, tall = MARGIN + place * bars.step, episodes / split.episodes / most * chart
-            right = left + bars.step
-            sheet.box(left + 2, bottom - tall, right - 2, bottom, DEFAULT_STYLE.agent)
-        middle = bars.middle(split.mean_moves)
-        sheet.box(middle - 2, bottom - chart, middle + 2, bottom, DEFAULT_STYLE.start)
-    _axis(sheet, len(shown) * (heading + chart), bars)
-    return sheet
-
-
-class _Bars(NamedTuple):
-    """The horizontal axis of the histograms."""
-
-    first: int
-    """The shortest length of the leftmost bar, in moves."""
-    together: int
-    """The number of lengths that share a bar."""
-    number: int
-    """The number of bars."""
-
-    @classmethod
-    def over(cls, splits: Collection[SplitCounts]) -> _Bars:
-        first = min(min(split.lengths) for split in splits)
-        span = max(split.longest for split in splits) - first + 1
-        together = -(-span // _MOST_BARS)
-        return cls(first, together, -(-span // together))
-
-    @property
-    def step(self) -> float:
-        """The width of a bar, in pixels."""
-        return (WIDTH - 2 * MARGIN) / self.number
-
-    def of(self, split: SplitCounts) -> Counter[int]:
-        """Return the episodes in each bar."""
-        bars: Counter[int] = Counter()
-        for moves, episodes in split.lengths.items():
-            bars[(moves - self.first) // self.together] += episodes
-        return bars
-
-    def middle(self, moves: float) -> float:
-        """Return the horizontal place of a number of moves, in pixels."""
-        return MARGIN + ((moves - self.first + 0.5) / self.together) * self.step
-
-
-def _axis(sheet: Sheet, top: float, bars: _Bars) -> None:
-    """Label the axis under the lowest histogram, as densely as there is room for."""
-    last = bars.first + (bars.number - 1) * bars.together
-    room = text_width(f"  {last:,}")
-    every = next(n for n in (1, 2, 5, 10, bars.number) if n * bars.step >= room)
-    for place in range(0, bars.number, every):
-        moves = bars.first + place * bars.together
-        middle = MARGIN + (place + 0.5) * bars.step
-        sheet.text((middle, top + 44), f"{moves:,}", SMALL, MUTED, "ms")
-    sheet.text((WIDTH / 2, top + 92), "moves", SMALL, MUTED, "ms")
-
-
-def _heading(sheet: Sheet, top: float, text: str, note: str) -> None:
-    sheet.text((MARGIN, top + 56), text, TEXT)
-    sheet.text((WIDTH - MARGIN, top + 56), note, SMALL, MUTED, "rs")
-
-
 FIGURES = {
     "labyrinths": Figure(
         labyrinths,
@@ -246,12 +125,6 @@ FIGURES = {
         visits,
         "Visited tiles",
         "In which cells the rows of each split have the agent.",
-    ),
-    "actions": Figure(actions, "Actions", "How often each action is taken in each split."),
-    "lengths": Figure(
-        lengths,
-        "Route lengths",
-        "Moves of a demonstration in each split that holds some; the orange line is the mean.",
     ),
 }
 """Name of the picture -> what it shows, in the order of the card."""

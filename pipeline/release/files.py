@@ -5,20 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, COUNTS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import questions_config
-from labyrinth_core.language.reading import regular_file
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
-from pipeline.release.changes import CHANGES
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, picture_path
-from pipeline.release.side_files import is_changelog
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
@@ -36,22 +32,6 @@ def own_files(data_dir: AnyPath) -> OwnFiles:
 def pictures_of(configs: Sequence[str]) -> list[str]:
     """Return the paths of all pictures on the card of some configs."""
     return [BANNER, *(picture_path(config, name) for config in configs for name in FIGURES)]
-
-
-def changelog_of(data_dir: AnyPath) -> str | None:
-    """Return the changelog of a folder, empty if there is none; None if it is not a dataset's.
-
-    Raises:
-        DatasetError: It is no text.
-    """
-    path = data_dir / CHANGELOG
-    try:
-        text = regular_file(path).read_text(encoding="utf-8")
-    except FileNotFoundError:
-        return ""
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not UTF-8 text: move it away") from error
-    return text if is_changelog(text) else None
 
 
 def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
@@ -76,11 +56,10 @@ def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
     """Return the paths in a folder of all files of its finished datasets and their card."""
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
-    names = [README, *([CHANGELOG] if changelog_of(data_dir) else [])]
-    names += [name for name in (CHANGES, CITATION, CROISSANT, EVAL) if own.has(name)]
+    names = [README, *filter(own.has, (CHANGELOG, CITATION, CROISSANT, EVAL))]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
-        files = [MANIFEST, COUNTS, *(shard.path for shard in manifest.shards), TABLE]
+        files = [MANIFEST, *(shard.path for shard in manifest.shards), TABLE]
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]

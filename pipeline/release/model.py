@@ -1,4 +1,4 @@
-"""The policy of a run as the repository of a model: weights, what they are of, card, results."""
+"""The policy of a run as the repository of a model: weights, what they are of, card."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import json
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-import yaml
-from huggingface_hub import EvalResultEntry, HfApi, eval_result_entries_to_yaml
+from huggingface_hub import EvalResult, HfApi, ModelCardData
 from huggingface_hub.errors import RevisionNotFoundError
 
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -32,16 +32,13 @@ from labyrinth_core.policies.spec import (
     PolicySpec,
 )
 from pipeline.config.run import Run
+from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.faults import PublishError, explained
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import code
 from pipeline.release.remote import Remote
-from pipeline.release.side_files import evaluation_task
 from pipeline.release.texts import citation, fill, paragraph
-
-EVAL_RESULTS = ".eval_results"
-"""The folder in which the Hub looks for results (https://huggingface.co/docs/hub/eval-results)."""
 
 
 @dataclass(frozen=True)
@@ -113,9 +110,6 @@ def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> Non
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(run, made, policy.spec, weights, results, commit, manifest)
     write_text(folder / "README.md", _card(trained))
-    (folder / EVAL_RESULTS).mkdir()
-    name = f"{run.dataset_on_hub[0].rpartition('/')[2]}.yaml"
-    write_text(folder / EVAL_RESULTS / name, _eval_results(trained))
 
 
 def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
@@ -164,26 +158,39 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
         )
 
 
-def _eval_results(trained: Trained) -> str:
-    """Return the success rates, in percent, in the form of the Hub's file of results.
+def _front_matter(trained: Trained) -> dict[str, Any]:
+    """Return the values at the head of the card, with SPL and SR of each split as `model-index`.
 
     A split of which the policy was shown a part alone, as with `train_labyrinths`, is not in it.
     """
     dataset, _ = trained.run.dataset_on_hub
-    entries = [
-        EvalResultEntry(
-            dataset_id=dataset,
+    config = trained.manifest.config.name
+    results = [
+        EvalResult(
+            task_type="reinforcement-learning",
+            dataset_type=dataset,
+            dataset_name=f"{config} of {dataset}",
+            dataset_config=config,
+            dataset_split=split,
             dataset_revision=trained.commit,
-            task_id=evaluation_task(trained.manifest.config.name, split),
-            value=round(100 * scores.sr, 6),
-            source_url=f"https://huggingface.co/{trained.run.options.publish.model}",
-            source_name="Model card",
-            notes="success rate in percent, one greedy episode a labyrinth",
+            metric_type=name.lower(),
+            metric_name=name,
+            metric_value=round(value, 8),
         )
         for split, scores in trained.results.splits.items()
         if len(scores.distance) == sum(shard.labyrinths for shard in trained.manifest.of(split))
+        for name, value in (("SPL", scores.spl), ("SR", scores.sr))
     ]
-    return yaml.safe_dump(eval_result_entries_to_yaml(entries), sort_keys=False)
+    content: dict[str, Any] = ModelCardData(
+        license=LICENCE,
+        library_name="labyrinth-datasets",
+        pipeline_tag="reinforcement-learning",
+        datasets=[dataset],
+        tags=["imitation-learning", "generalization", "labyrinth", "arxiv:2509.24784"],
+        model_name=trained.run.options.publish.model.rpartition("/")[2],
+        eval_results=results,
+    ).to_dict()
+    return content
 
 
 def _card(trained: Trained) -> str:
@@ -194,7 +201,7 @@ def _card(trained: Trained) -> str:
     form = "a function from a batch of observations to the scores of the four actions"
     if isinstance(spec.own, MapperSpec):
         form = "an object with `reset(count)` and `act(observations)`, which returns actions"
-    return fill(
+    text = fill(
         "model.md",
         dataset=trained.run.dataset_on_hub[0],
         method=plain(trained.made.method),
@@ -217,6 +224,7 @@ def _card(trained: Trained) -> str:
         code=code(),
         citation=citation(),
     )
+    return with_values(_front_matter(trained), text)
 
 
 def _sees(spec: PolicySpec) -> str:

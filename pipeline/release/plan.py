@@ -1,7 +1,6 @@
 """The plan of a release: which files on the Hub it would change, by their hashes.
 
-Repositories are of six kinds: datasets, exports in two formats, models (policies), environments,
-and Spaces (reports).
+Repositories are of five kinds: datasets, exports in two formats, models (policies), environments.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ class Kind:
 
     name: str
     """Its name, which is that of the library for an export."""
-    repo_type: Literal["dataset", "model", "space"]
+    repo_type: Literal["dataset", "model"]
     """As the Hub calls it."""
     data: str
     """The paths of what is published, not of what describes it, as a regular expression."""
@@ -52,9 +51,8 @@ MODEL = Kind(
     "model", "model", data=r"config\.json|model\.safetensors", listed=r"model\.safetensors"
 )
 ENVIRONMENT = Kind("environment", "model", data=r"env\.py", listed=r"env\.py")
-SPACE = Kind("space", "space", data=r"index\.html", listed=r"index\.html")
 KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (DATASET, LEROBOT, MINARI, MODEL, ENVIRONMENT, SPACE)
+    kind.name: kind for kind in (DATASET, LEROBOT, MINARI, MODEL, ENVIRONMENT)
 }
 
 

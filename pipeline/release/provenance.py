@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shlex
 import subprocess
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import wrap
@@ -21,10 +20,8 @@ class Release:
     repo_id: str | None = None
     """The id on the Hub, such as `user/labyrinth`."""
     version: str | None = None
-    space: str | None = None
-    """The id of the Space with the report."""
-    exports: Sequence[str] = ()
-    """The ids of the datasets on the Hub that hold it in the formats of other libraries."""
+    export: str | None = None
+    """The id of its export on the Hub, if the same command publishes one."""
     licence: str = LICENCE
     """The licence that the card names, as the Hub spells it."""
 

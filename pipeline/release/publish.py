@@ -1,4 +1,4 @@
-"""The stage `publish`: a dataset, its export, its environment, a policy and a report.
+"""The stage `publish`: a dataset, its export, its environment and a policy.
 
 Each is in a repository of its own.
 
@@ -19,7 +19,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi, constants
+from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
@@ -30,15 +30,14 @@ from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.own_files import list_all
 from pipeline.release.card import write_card
-from pipeline.release.changes import changes_since, parts
 from pipeline.release.derived import KINDS as EXPORTS
-from pipeline.release.derived import loading, stage_environment, stage_export, stage_report
+from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
-from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, SPACE, Kind, Plan, make_plan
+from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, Kind, Plan, make_plan
 from pipeline.release.provenance import Release
-from pipeline.release.remote import VERSION, Remote, UnseenRemote, why_unseen
+from pipeline.release.remote import Remote, UnseenRemote, number, why_unseen
 from pipeline.release.verify import verified
 
 
@@ -55,7 +54,10 @@ def run(run: Run) -> None:
     limit_silence()
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
     options, api = run.options.publish, HfApi()
-    version, unseen = f'revision="{options.version}"', options.dry_run and why_unseen(api)
+    version, given = f'revision="{options.version}"', options.repo_id or options.export
+    given = given or options.env or options.model
+    with explained(given):
+        unseen = options.dry_run and why_unseen(api, given)
     if unseen:
         say(
             f"could not look at the Hub ({unseen}): this is what a new repository would get; "
@@ -69,7 +71,7 @@ def run(run: Run) -> None:
                 reason = "holds no finished dataset: labyrinth-datasets makes one"
                 raise PublishError(f"{run.local_dir} {reason}")
             remote = remote_of(api, options.repo_id, DATASET)
-            if _release(remote, options, run.local_dir, _carded(run, remote)):
+            if _release(remote, options, run.local_dir, _carded(run)):
                 config = front_matter.default_config(manifests)
                 say(f'load_dataset("{options.repo_id}", "{config}", {version})')
 
@@ -91,21 +93,16 @@ def run(run: Run) -> None:
     if id_ := options.model:
         origin, load = published_dataset(run, hub), f'load_policy("{id_}", {version})'
         release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
-    if id_ := options.space:
-        load = f"{constants.ENDPOINT}/spaces/{id_}"
-        release(id_, SPACE, lambda folder: stage_report(run, folder), load)
 
 
 @contextmanager
-def _carded(run: Run, remote: Remote) -> Iterator[Path]:
+def _carded(run: Run) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, another that looks like it."""
     options = run.options.publish
 
     def card(folder: Path) -> None:
-        changes = changes_since(remote, options.version, folder, front_matter.finished(folder))
-        exports = sorted({*remote.exports(), *filter(None, [options.export])})
-        release = Release(options.repo_id, options.version, options.space or None, exports)
-        write_card(folder, release, changes=changes, workers=run.options.workers)
+        release = Release(options.repo_id, options.version, options.export or None)
+        write_card(folder, release, workers=run.options.workers)
 
     if not options.dry_run:
         card(run.local_dir)
@@ -133,7 +130,7 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
 def _release(
     remote: Remote, options: PublishOptions, folder: Path, staged: AbstractContextManager[Path]
 ) -> bool:
-    """Return whether files are released now, tagged, and in their collection.
+    """Return whether files are released now, and tagged.
 
     Args:
         remote: Where they are released.
@@ -141,7 +138,7 @@ def _release(
         folder: The folder with the files as they are, which may be published already.
         staged: Gives the folder with the files of this release, if they are not.
     """
-    exists = remote.check_access(create_pr=options.create_pr)
+    exists = remote.exists()
     # Before the card is written, which would describe this version as something else.
     done = exists and _is_published(folder, remote, options)
     if not done:
@@ -149,21 +146,17 @@ def _release(
             done = _commit_and_tag(ready, remote, options, exists)
     if not done or options.dry_run:
         return False
-    _follow(remote, options)
-    if options.collection:
-        remote.join(options.collection, private=options.private)
+    _follow(remote, options.version)
     return True
 
 
-def _follow(remote: Remote, options: PublishOptions) -> None:
+def _follow(remote: Remote, version: str) -> None:
     """Let the tag by which a library reads the newest release point to it, if there is one."""
-    tag = remote.kind.newest_tag
-    if tag is None or options.branch != "main":
-        return
-    versions = remote.versions()
-    if options.version == max(versions, key=parts):
-        remote.move_tag(tag, versions[options.version])
-        say(f"tagged {tag}, as the newest release, at {versions[options.version][:12]}.")
+    if tag := remote.kind.newest_tag:
+        versions = remote.versions()
+        if version == max(versions, key=number):
+            remote.move_tag(tag, versions[version])
+            say(f"tagged {tag}, as the newest release, at {versions[version][:12]}.")
 
 
 def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
@@ -172,15 +165,14 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
     Raises:
         PublishError: The tag is on others, or `main` would go back to an earlier version.
     """
-    tags = remote.tags()
-    tagged = tags.get(options.version)
+    versions = remote.versions()
+    tagged = versions.get(options.version)
     if tagged is None:
-        versions = (tag for tag in tags if VERSION.fullmatch(tag))
-        newest = max([options.version, *versions], key=parts)
-        if options.branch == "main" and newest != options.version:
+        newest = max([options.version, *versions], key=number)
+        if newest != options.version:
             raise PublishError(
                 f"publish.version={options.version}: {remote.repo_id} has {newest}, and main does "
-                "not go back: choose a later version, or another publish.branch"
+                "not go back: choose a later version"
             )
         return False
     plan = _plan(remote, files_of(remote.kind, folder), tagged)
@@ -195,14 +187,14 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
 
 
 def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
-    """Return whether the folder is released now, and tagged; not so after a dry run, or a proposal.
+    """Return whether the folder is released now, and tagged; not so after a dry run.
 
     Raises:
         PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
     """
     if not exists and not options.dry_run:
         remote.create(private=options.private)
-    head = remote.head(options.branch) if exists or not options.dry_run else ""
+    head = remote.commit("main") if exists or not options.dry_run else ""
     files = files_of(remote.kind, folder)
     plan = _plan(remote, files, head)
     if plan.others and not remote.is_new(head):
@@ -216,13 +208,8 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     _print_plan(plan, remote, options, exists)
     if options.dry_run:
         return False
-    if options.branch != "main":
-        remote.create_branch(options.branch)
     if not plan.is_done:
-        head = _commit(remote, options, plan, head)
-        if options.create_pr:
-            say(f"pull request: {head}; publish again, to tag, once it is merged.")
-            return False
+        head = _commit(remote, f"Release {options.version}", plan, head)
     say(verified(remote.repo_id, head, folder, remote.kind))
     remote.tag(options.version, head)
     say(f"tagged {options.version} at {head[:12]}.")
@@ -241,33 +228,24 @@ def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: boo
             for path in paths:
                 say(f"  {word:6} {path}")
     new = "" if exists else f" (to be created, {'private' if options.private else 'public'})"
-    tag = f"the tag {options.version} is to be made"
-    if options.create_pr and not plan.is_done:
-        tag = "a pull request is not tagged"
     say(
-        f"{remote.repo_id}{new}, branch {options.branch}: {len(plan.add)} files to add "
-        f"({plan.bytes / 1e6:.2f} MB), {len(plan.keep)} to keep, {len(plan.delete)} to delete; "
-        f"{tag}."
+        f"{remote.repo_id}{new}: {len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), "
+        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; the tag {options.version} is to "
+        "be made."
     )
 
 
-def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) -> str:
+def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
     """Upload what is missing, commit everything at once, and return the commit.
 
-    A commit whose answer was lost is told from one that was refused by reading the branch again, or
-    the open pull requests, of which an earlier run may have made one.
+    A commit whose answer was lost is told from one that was refused by reading the branch again.
     """
-    title = f"Release {options.version}"
 
     def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
         addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
         with announced(f"the upload of {path}"):
             remote.api.preupload_lfs_files(
-                remote.repo_id,
-                [addition],
-                repo_type=remote.kind.repo_type,
-                revision=options.branch,
-                create_pr=options.create_pr,
+                remote.repo_id, [addition], repo_type=remote.kind.repo_type
             )
         return plan.files[path].stat().st_size, addition
 
@@ -275,31 +253,22 @@ def _commit(remote: Remote, options: PublishOptions, plan: Plan, parent: str) ->
     additions = list(tracked(map(uploaded, plan.add), "upload", total=plan.bytes))
     deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 
-    def is_held_by(revision: str) -> bool:
-        return make_plan(plan.kind, plan.files, remote.tree(revision)).is_done
-
     def commit() -> str:
-        if options.create_pr:
-            for ref, url in remote.proposals(title).items():
-                if is_held_by(ref):
-                    return url
         try:
             info = remote.api.create_commit(
                 remote.repo_id,
                 [*additions, *deletions],
                 commit_message=title,
                 repo_type=remote.kind.repo_type,
-                revision=options.branch,
                 parent_commit=parent,
-                create_pr=options.create_pr,
             )
         except FAULTS as error:
-            head = remote.head(options.branch)
+            head = remote.commit("main")
             if head == parent:
                 raise
-            if is_held_by(head):
+            if make_plan(plan.kind, plan.files, remote.tree(head)).is_done:
                 return head
             raise PublishError(reasons(remote.repo_id)[412]) from error
-        return str(info.pr_url if options.create_pr else info.oid)
+        return str(info.oid)
 
     return repeated(commit)

@@ -48,10 +48,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         rows=f"{sum(dataset.rows for dataset in datasets):,}",
         configs=count(len(datasets), "config"),
         names=f"{names}; `{default}` is the default" if len(datasets) > 1 else names,
-        report=f"\n{paragraph('report', space=release.space)}" if release.space else "",
-        exports=f"\n{paragraph('exports', names=_linked(release.exports))}"
-        if release.exports
-        else "",
+        export=f"\n{paragraph('export', name=release.export)}" if release.export else "",
         hint="" if release.repo_id else f"\n{paragraph('hint', name=release.name)}\n",
         name=release.name,
         default=default,
@@ -77,10 +74,6 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         else f"{verbatim(release.licence)}, as the head of this file says.",
         citation=citation(),
     )
-
-
-def _linked(names: Iterable[str]) -> str:
-    return ", ".join(f"[{name}](https://huggingface.co/datasets/{name})" for name in names)
 
 
 def _meanings(columns: Iterable[Column]) -> str:

@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -14,29 +13,25 @@ from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from pipeline.machinery.console import say
 from pipeline.machinery.own_files import HASHES, OwnFiles
-from pipeline.release.faults import (
-    FAULTS,
-    NO_TOKEN,
-    PublishError,
-    allowed,
-    reasons,
-    repeated,
-    status_of,
-)
-from pipeline.release.plan import SPACE, Kind
+from pipeline.release.faults import FAULTS, NO_TOKEN, PublishError, repeated, status_of
+from pipeline.release.plan import Kind
+
+REFUSED = (401, 403)
+"""What the Hub answers if a token may not make a repository; the first to one for another alone."""
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """What a tag of a release looks like."""
 
-SOURCES = "source_datasets"
-"""The key of a card's front matter under which an export names its dataset."""
+
+def number(version: str) -> list[int]:
+    """Return the numbers of a version, by which versions are compared."""
+    return [*map(int, version.split("."))]
 
 
 @dataclass(frozen=True)
 class Remote:
-    """A repository on the Hub, there or not."""
+    """A repository on the Hub, which need not exist yet."""
 
     api: HfApi
     repo_id: str
@@ -47,67 +42,38 @@ class Remote:
         call = getattr(self.api, method)
         return repeated(lambda: call(self.repo_id, repo_type=self.kind.repo_type, **options))
 
-    def check_access(self, *, create_pr: bool) -> bool:
+    def exists(self) -> bool:
         """Return whether the repository is there.
 
-        A token for one repository may not ask whose it is: the Hub's answers about that repository
-        then say whether it is valid.
-
         Raises:
-            PublishError: There is no token, or it cannot be used for this.
-            HfHubHTTPError: The Hub refuses.
+            PublishError: There is no token.
+            HfHubHTTPError: The token may not write to the repository.
         """
         if not get_token():
             raise PublishError(
                 "there is no Hub token: set HF_TOKEN, or run `hf auth login`, "
                 f"which leaves one in {constants.HF_TOKEN_PATH}"
             )
-        user = allowed(self.api.whoami)
-        if self._call("repo_exists"):
-            # Anybody who sees a repository may propose a change of it.
-            self._call("auth_check", write=not create_pr)
-            if not user:
-                say("left out: asking the Hub whose token this is, which this token may not.")
-            return True
-        if not user:
-            raise PublishError(
-                f"{self.repo_id} does not exist, or the Hub rejects this token; a token for one "
-                "repository cannot make it: make it on the Hub, empty, then publish again"
-            )
-        own = [user["name"], *(organization["name"] for organization in user.get("orgs", []))]
-        if self.repo_id.partition("/")[0] not in own:
-            raise PublishError(
-                f"{self.repo_id} does not exist, or this token may not see it; it may make "
-                f"{self.kind.repo_type}s of {', '.join(own)}"
-            )
-        if user.get("auth", {}).get("accessToken", {}).get("role") == "read":
-            raise PublishError(reasons(self.repo_id)[403])
-        return False
+        there = bool(self._call("repo_exists"))
+        if there:
+            self._call("auth_check", write=True)
+        return there
 
     def create(self, *, private: bool) -> None:
-        """Make the repository, unless it is there; a Space is static.
+        """Make the repository.
 
         Raises:
             PublishError: The token may not.
         """
-        own = {"space_sdk": "static"} if self.kind is SPACE else {}
-        make = partial(self._call, "create_repo", private=private, exist_ok=True, **own)
-        if allowed(make) is None:
-            raise PublishError(
-                f"the token may not make {self.repo_id}: make it on the Hub, empty, then publish "
-                "again, or use a token that may write"
-            )
-
-    def create_branch(self, branch: str) -> None:
-        """Make a branch at the head of `main`, unless it is there."""
-        self._call("create_branch", branch=branch, exist_ok=True)
-
-    def head(self, branch: str) -> str:
-        """Return the commit at the head of a branch, or of `main` if there is no such branch."""
         try:
-            return self.commit(branch)
-        except RevisionNotFoundError:
-            return self.commit("main")
+            self._call("create_repo", private=private, exist_ok=True)
+        except HfHubHTTPError as error:
+            if status_of(error) not in REFUSED:
+                raise
+            raise PublishError(
+                f"{self.repo_id} does not exist, or this token may not see it, and the token may "
+                "not make it: use another token, or make it on the Hub, empty, then publish again"
+            ) from error
 
     def commit(self, revision: str) -> str:
         """Return the commit that a branch, a tag or a commit means."""
@@ -146,13 +112,6 @@ class Remote:
         """Return whether a commit holds nothing but what the Hub puts into a new repository."""
         commits = self._call("list_repo_commits", revision=commit)
         return [each.title for each in commits] == ["initial commit"]
-
-    def proposals(self, title: str) -> dict[str, str]:
-        """Return ref -> address of each open pull request with a title."""
-        call, kind = self.api.get_repo_discussions, self.kind.repo_type
-        found = repeated(lambda: [*call(self.repo_id, discussion_status="open", repo_type=kind)])
-        mine = (each for each in found if each.is_pull_request and each.title == title)
-        return {str(each.git_reference): each.url for each in mine}
 
     def tags(self) -> dict[str, str]:
         """Return the commit that each tag points to."""
@@ -197,57 +156,26 @@ class Remote:
                 self._call("delete_tag", tag=tag)
         self.tag(tag, commit)
 
-    def exports(self) -> list[str]:
-        """Return the owner's public datasets whose cards name this one as their source."""
-        owner, call = self.repo_id.partition("/")[0], self.api.list_datasets
-        found = allowed(lambda: [*call(author=owner, expand=["cardData", "private"])])
-        if found is None:
-            say("left out: links to exports, which this token may not look for.")
-            return []
-        cards = {each.id: each.card_data for each in found if each.card_data and not each.private}
-        return sorted(
-            id_ for id_, card in cards.items() if self.repo_id in [*(card.get(SOURCES) or ())]
-        )
 
-    def join(self, collection: str, *, private: bool) -> None:
-        """Put the repository into the collection with a title, which is made if need be.
-
-        A token that may not do that leaves a line instead, since the release is done.
-        """
-        owner = self.repo_id.partition("/")[0]
-        make, add = self.api.create_collection, self.api.add_collection_item
-        made = allowed(lambda: make(collection, namespace=owner, private=private, exists_ok=True))
-        if made and allowed(
-            lambda: add(made.slug, self.repo_id, self.kind.repo_type, exists_ok=True)
-        ):
-            say(f"{self.repo_id} is in the collection {collection}.")
-        else:
-            say(
-                f"left out: joining the collection {collection}, which this token may not; add "
-                f"{self.repo_id} to it on the Hub."
-            )
-
-
-@dataclass(frozen=True)
 class UnseenRemote(Remote):
     """A repository that a dry run cannot look at, and takes for one that does not exist yet."""
 
-    def check_access(self, *, create_pr: bool) -> bool:  # noqa: ARG002
+    def exists(self) -> bool:
+        """Return False."""
         return False
 
-    def versions(self) -> dict[str, str]:
-        return {}
 
-    def exports(self) -> list[str]:
-        return []
+def why_unseen(api: HfApi, repo_id: str) -> str:
+    """Return why a dry run cannot look at the Hub, such as for want of a token; empty if it can.
 
-
-def why_unseen(api: HfApi) -> str:
-    """Return why the Hub cannot be looked at, such as for want of a token; empty if it can be."""
+    Args:
+        api: The Hub.
+        repo_id: A repository that it may hold.
+    """
+    if not get_token():
+        return "there is no token"
     try:
-        if not get_token():
-            return "there is no token"
-        allowed(api.whoami)
+        api.repo_exists(repo_id)
     except (*FAULTS, ConnectionError, NO_TOKEN) as error:
         if status_of(error) is None:
             return f"{constants.ENDPOINT} does not answer: {one_line(error)}"

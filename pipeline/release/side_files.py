@@ -10,7 +10,6 @@ from typing import Any
 import yaml
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from labyrinth_core.evaluation.questions import question_splits, questions_config
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.inspection.front_matter import LICENCE
@@ -18,8 +17,6 @@ from pipeline.release.provenance import Release
 from pipeline.release.texts import fill, read
 
 UNRELEASED = "Unreleased"
-_CHANGES = re.compile(r"- `[^`]+`: since \S+ [\d,]+ labyrinths came and [\d,]+ went .*")
-_FINGERPRINT = re.compile(r"- `[^`]+`: .* rows, fingerprint `[0-9a-f]{64}`")
 
 
 def _yaml(values: dict[str, Any]) -> str:
@@ -37,85 +34,56 @@ def citation_file(release: Release) -> str:
     return _yaml({name: value for name, value in values.items() if value is not None})
 
 
-def evaluation_task(config: str, split: str) -> str:
-    """Return the id of the task to solve the labyrinths of a split, such as `5x5-test`."""
-    return f"{config}-{split}"
+def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
+    """Return the eval.yaml of a folder of datasets, None if none of them has questions.
 
-
-def eval_file(manifests: Sequence[Manifest], name: str) -> str:
-    """Return the eval.yaml of a folder of datasets: a task for each split that is evaluated.
-
-    The form is that of https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark". Its
-    field `evaluation_framework` takes a name from a list of the Hub's, which has none for this
-    software, but inspect-ai. If there are questions, the tasks are theirs alone: inspect-ai runs
-    them as they are, and refuses a file with a task that is not its own.
+    The form is that of https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
+    inspect-ai runs a task for each split of which there are questions, and for their pictures.
 
     Args:
         manifests: The manifests of all configs.
         name: The name of the benchmark.
     """
-    asked = [manifest.config for manifest in manifests if manifest.questions is not None]
-    values = yaml.safe_load(read("eval_questions.yaml" if asked else "eval.yaml"))
-    if asked:
-        each, forms = values.pop("each"), values["tasks"]
-        values["tasks"] = [
-            # A copy, or the file would refer to the first task in all others.
-            _task(questions_config(config.name), split, form) | deepcopy(own | each)
-            for config in asked
-            for form, own in forms.items()
-            for split in question_splits(config)
-        ]
-    else:
-        values["tasks"] = [
-            _task(manifest.config.name, split)
-            for manifest in manifests
-            for split in manifest.config.splits
-            if split not in NOT_EVALUATED
-        ]
+    asked = {
+        questions_config(manifest.config.name): question_splits(manifest.config)
+        for manifest in manifests
+        if manifest.questions is not None
+    }
+    if not asked:
+        return None
+    values = yaml.safe_load(read("eval.yaml"))
+    each, forms = values.pop("each"), values["tasks"]
+    values["tasks"] = [
+        {"id": f"{config}{form}-{split}", "config": config, "split": split}
+        # A copy, or the file would refer to the first task in all others.
+        | deepcopy(own | each)
+        for config, splits in asked.items()
+        for form, own in forms.items()
+        for split in splits
+    ]
     return _yaml({"name": name} | values)
 
 
-def _task(config: str, split: str, form: str = "") -> dict[str, Any]:
-    return {"id": evaluation_task(config + form, split), "config": config, "split": split}
-
-
-def changelog(
-    text: str, manifests: Sequence[Manifest], version: str | None, changes: Sequence[str] = ()
-) -> str:
+def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
     """Return the changelog with an entry for the datasets of a folder.
 
     The entry "Unreleased" changes with the data, and becomes that of a version when there is one.
-    Other entries, and lines that a person adds to any, stay as they are.
 
     Args:
         text: The changelog so far; empty if there is no file.
         manifests: The manifests of all datasets of the folder.
         version: The version of the release, if it is one.
-        changes: A line for each config whose labyrinths are others than in the version before.
     """
     title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
-    entries = [(part.partition("\n")[0].strip(), part.splitlines()[1:]) for part in parts]
-    lines = [
+    entries = {heading: body.strip() for heading, _, body in (p.partition("\n") for p in parts)}
+    lines = "\n".join(
         f"- `{manifest.config.name}`: {sum(shard.rows for shard in manifest.shards):,} rows, "
         f"fingerprint `{manifest.fingerprint}`"
         for manifest in manifests
-    ]
-    newest = entries[0][1] if entries else []
-    if version is None and lines == [line for line in newest if _FINGERPRINT.fullmatch(line)]:
+    )
+    if version is None and lines == next(iter(entries.values()), ""):
         return text
     heading = version or UNRELEASED
-    replaced = [line for name, body in entries if name in (heading, UNRELEASED) for line in body]
-    of_person = [line for line in replaced if line and not _is_generated(line)]
-    kept = [(name, body) for name, body in entries if name not in (heading, UNRELEASED)]
-    entries = [(heading, ["", *lines, *changes, *of_person]), *kept]
-    written = ("\n".join([f"## {name}", *body]).rstrip() for name, body in entries)
+    older = {name: body for name, body in entries.items() if name not in (heading, UNRELEASED)}
+    written = (f"## {name}\n\n{body}" for name, body in {heading: lines, **older}.items())
     return "\n\n".join([title.strip() or read("changelog.md").strip(), *written]) + "\n"
-
-
-def _is_generated(line: str) -> bool:
-    return any(form.fullmatch(line) for form in (_FINGERPRINT, _CHANGES))
-
-
-def is_changelog(text: str) -> bool:
-    """Return whether a text is the changelog of a dataset, whatever a person has added to it."""
-    return any(_FINGERPRINT.fullmatch(line) for line in text.splitlines())

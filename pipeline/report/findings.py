@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence, Set
 from pathlib import Path
 from statistics import mean
 from typing import Any
 
 import numpy as np
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
+from pipeline.config.training import SUBMISSIONS
+from pipeline.machinery.console import say
 
 MOST_FAILED = 2_000
 """The most labyrinths of a split that are named because a run failed on them."""
@@ -35,7 +38,10 @@ SCORES = (
 
 
 def read_results(
-    run_dir: Path, data_dir: Path, manifests: Sequence[Manifest]
+    run_dir: Path,
+    data_dir: Path,
+    manifests: Sequence[Manifest],
+    results_dir: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Return the data of the page on the methods evaluated on datasets, each with its runs.
 
@@ -46,24 +52,48 @@ def read_results(
         run_dir: The folder of the runs; it need not exist.
         data_dir: The folder of the datasets.
         manifests: The manifests of the datasets; results on others are left out.
+        results_dir: The folder with the results that were submitted, if any. Of those, a file that
+            is refused is named on the terminal and left out.
 
     Raises:
-        DatasetError: A file is refused.
+        DatasetError: A file in the folder of the runs is refused.
     """
     of = {
         manifest.config.name: KnownDataset(str(data_dir), manifest.config.name, None, manifest)
         for manifest in manifests
     }
+
+    def is_shown(results: Results) -> bool:
+        known = of.get(results.config)
+        return known is not None and known.fingerprint == results.fingerprint
+
     methods: dict[tuple[str, str, Path | None], list[Results]] = {}
-    for path in results_in(run_dir):
+    paths = results_in(run_dir)
+    for path in paths:
         results = Results.load(path, of.get)
-        run, known = results.run, of.get(results.config)
-        if known is None or known.fingerprint != results.fingerprint:
-            continue
-        key = (_name(results), path) if run is None else (run.of_all_seeds, None)
-        methods.setdefault((results.config, *key), []).append(results)
+        if is_shown(results):
+            run = results.run
+            key = (_name(results), path) if run is None else (run.of_all_seeds, None)
+            methods.setdefault((results.config, *key), []).append(results)
     by_runs_first = sorted(methods.items(), key=lambda item: item[0][2] is not None)
-    return [_method(name, sorted(found, key=_seed)) for (_, name, _), found in by_runs_first]
+    found = [_method(name, sorted(runs, key=_seed)) for (_, name, _), runs in by_runs_first]
+    for results in _submitted(results_dir, {path.read_bytes() for path in paths}, of.get):
+        if is_shown(results) and results.method is not None:
+            about = {"submitted": True, "author": results.method.author}
+            found.append(_method(results.method.name, [results]) | about)
+    return found
+
+
+def _submitted(
+    results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
+) -> Iterator[Results]:
+    """Yield the results that were submitted, without those that `stages=results` copied there."""
+    for path in sorted((results_dir / SUBMISSIONS).rglob("*.json")) if results_dir else ():
+        try:
+            if path.read_bytes() not in others:
+                yield Results.load(path, of)
+        except DatasetError as error:
+            say(f"left out: {error}")
 
 
 def _name(results: Results) -> str:
@@ -110,6 +140,7 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
             for split in shown
         },
         "runs": told,
+        "submitted": False,
     }
 
 

@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
-from pipeline.inspection.statistics import ACTION_COLOURS, DatasetStatistics, statistics_of
+from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.console import say
 from pipeline.machinery.own_files import leave
 from pipeline.report.findings import read_results
@@ -40,11 +40,9 @@ SCRIPTS = (
     "drawing",
     "records",
     "gallery",
-    "gif",
     "player",
     "findings",
     "figures",
-    "editor",
     "main",
 )
 """The parts of the page's program, each after those that it uses."""
@@ -57,18 +55,23 @@ def run(run: Run) -> None:
         DatasetError: As for `write_report`.
         OSError: The folder cannot be written.
     """
-    run_dir = Path(run.options.run_dir).expanduser()
-    page = write_report(run.local_dir, run_dir, workers=run.options.workers)
+    run_dir, results_dir = (
+        Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
+    )
+    page = write_report(run.local_dir, run_dir, results_dir, workers=run.options.workers)
     megabytes = page.stat().st_size / 1e6
     say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
 
-def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
+def write_report(
+    data_dir: Path, run_dir: Path, results_dir: Path | None = None, *, workers: int = 1
+) -> Path:
     """Write the report on all finished datasets of a folder, and return its page.
 
     Args:
         data_dir: The folder.
         run_dir: The folder of the runs trained on them; it need not exist.
+        results_dir: The folder with the results that were submitted, if any.
         workers: The number of processes that read shards.
 
     Raises:
@@ -83,7 +86,8 @@ def write_report(data_dir: Path, run_dir: Path, *, workers: int = 1) -> Path:
         folder = data_dir / of.name
         packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    html = page(datasets, read_results(run_dir, data_dir, [of.manifest for of in found]))
+    manifests = [of.manifest for of in found]
+    html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
     folder = data_dir / FOLDER
     leave(folder, {PAGE: html.encode()}, re.escape(PAGE))
     return folder / PAGE
@@ -124,7 +128,6 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     data = {
         "version": __version__,
         "colours": asdict(DEFAULT_STYLE),
-        "actionColours": list(ACTION_COLOURS.values()),
         "datasets": datasets,
         "results": results,
         "whySpl": " ".join(WHY_SPL.split()),

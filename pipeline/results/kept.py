@@ -13,7 +13,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
 from pipeline.config.run import Run
-from pipeline.config.training import check_run
+from pipeline.config.training import SUBMISSIONS, check_run
 from pipeline.machinery.own_files import OwnFiles, leave
 from pipeline.results.figures import run_of
 from pipeline.results.paper import METHODS, title_of
@@ -21,8 +21,8 @@ from pipeline.results.paper import METHODS, title_of
 AUTHOR = "Labyrinth datasets"
 """Who made the runs of the stages `train` and `evaluate`."""
 
-RUNS, SUBMISSIONS = "runs", "submissions"
-"""The folders of the files, below that of the tables."""
+RUNS = "runs"
+"""The folder of the files of runs, below that of the tables; the others are in `SUBMISSIONS`."""
 
 LISTED = rf"README\.md|leaderboard\.md|({RUNS}|{SUBMISSIONS})/.+\.json"
 """A pattern of what SHA256SUMS always lists there."""

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.source import HUB_ID
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.language.reading import regular_file
 from labyrinth_core.policies.load import check_size, load_policy, located
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
 from pipeline.season.graph import computed
@@ -130,7 +129,7 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
     """Copy files that are small enough, so that what is judged is what is hashed."""
     for name, path in files.items():
         try:
-            check_size(path, name, regular_file(path).stat().st_size)
+            check_size(path, name, path.stat().st_size)
             shutil.copyfile(path, folder / name)
             check_size(path, name, (folder / name).stat().st_size)
         except OSError as error:

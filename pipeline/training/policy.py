@@ -15,7 +15,6 @@ from torch import Tensor, nn
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
-from labyrinth_core.language.reading import regular_file
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
@@ -39,7 +38,7 @@ def load_tensors(
         DatasetError: The file does not exist, or cannot be read.
     """
     try:
-        with safe_open(regular_file(path), framework="pt", device=str(device)) as file:
+        with safe_open(path, framework="pt", device=str(device)) as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, json.loads((file.metadata() or {})[text])
     except FileNotFoundError as error:

@@ -22,7 +22,7 @@ from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
-from labyrinth_core.policies.spec import POLICY, NetworkSpec
+from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import (
@@ -64,7 +64,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     """
     folder = followed(run.training_folder)
     with held(folder.parent, folder.name):
-        recover(folder)
+        recover(folder, RECORD)
         _train(run, folder, checkpoint_seconds)
 
 
@@ -298,5 +298,5 @@ def _finish(
     write_record(working, name, identity, done, computed)
     copy_others(folder, working, files_of_run(folder))
     wait_for_disk(working)
-    move_into_place(working, folder)
+    move_into_place(working, folder, RECORD)
     (folder / CHECKPOINT).unlink(missing_ok=True)

@@ -5,6 +5,11 @@ As `lerobot-release` it reads the split train from the Hub, by the id alone.
 
 from __future__ import annotations
 
+import shutil
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
 import pyarrow.parquet as pq
 import torch
 from comparing import CLIENT, CONFIG, DATA, EXPORTS, IDS, Episode, compare, fitted, report
@@ -36,6 +41,24 @@ for split, dataset in datasets.items():
     ours = [row for row in ours if row["split"] == split for _ in range(row["episodes"])]
     for theirs, row in zip(dataset.meta.episodes, ours, strict=True):
         assert {name: theirs[name] for name in row} == row
+
+if CLIENT == "lerobot":  # An episode of its own, appended to a copy, and read with ours.
+    with TemporaryDirectory() as folder:
+        copy = Path(shutil.copytree(datasets["train"].root, f"{folder}/copy"))
+        longer = LeRobotDataset.resume(IDS["train"], root=copy)
+        first = datasets["train"][0]
+        frame = {
+            name: first[name].numpy().reshape(1)
+            for name in ("action", "next.reward", "next.done", "next.truncated")
+        }
+        frame["observation.image"] = np.zeros(longer.features["observation.image"]["shape"], "u1")
+        for _ in range(3):
+            longer.add_frame(frame | {"task": first["task"]})
+        longer.save_episode()
+        longer.finalize()
+        read = LeRobotDataset(IDS["train"], root=copy)
+        assert len(read) == len(datasets["train"]) + 3
+        assert torch.equal(read[0]["observation.image"], first["observation.image"])
 
 dataset = datasets["train"]
 acting = [n for n, action in enumerate(dataset.hf_dataset["action"]) if action >= 0]

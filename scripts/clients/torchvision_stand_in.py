@@ -1,9 +1,9 @@
-"""A stand-in for torchvision, for clients that import it and need no more of it than `ToTensor`.
+"""A stand-in for torchvision, for a client that imports it and needs no more of it than `ToTensor`.
 
     python torchvision_stand_in.py SCRIPT ARGUMENTS
 
-runs a script with it. The package of that name brings a torch with gigabytes for GPUs. LeRobot and
-IL-Datasets use `ToTensor` alone to read data; the rest are names that can be imported.
+runs a script with it. The package of that name brings a torch with gigabytes for GPUs. IL-Datasets
+uses `ToTensor` alone to read data; the rest are names that can be imported.
 """
 
 from __future__ import annotations

@@ -13,17 +13,17 @@ from urllib.parse import parse_qs, urlencode
 
 from hub.card import errors_of, read_front_matter
 from hub.server import Answer, RefusalError, Request, as_json, route
-from hub.state import ID_TOKEN, MAIN, Account, Commit, Entry, Repository
+from hub.state import ID_TOKEN, Account, Commit, Entry, Repository
 
 if TYPE_CHECKING:
     from hub.local_hub import LocalHub
 
 NAME = re.compile(r"[\w.-]{1,96}")
 RANGE = re.compile(r"bytes=(\d*)-(\d*)")
-REPO = r"/api/(?P<kind>dataset|model|space)s/(?P<name>[^/]+/[^/]+)"
-FILES = r"(?:/(?P<kind>dataset|space)s)?/(?P<name>[^/]+/[^/]+?)"
+REPO = r"/api/(?P<kind>dataset|model)s/(?P<name>[^/]+/[^/]+)"
+FILES = r"(?:/(?P<kind>dataset)s)?/(?P<name>[^/]+/[^/]+?)"
 REVISION = r"(?P<revision>[^/]+)"
-PREFIXES = {"dataset": "datasets/", "space": "spaces/", "model": ""}
+PREFIXES = {"dataset": "datasets/", "model": ""}
 HEAD_MOVED = "A commit has happened since. Please refresh and try again."
 NOT_UPLOADED = "Your push was rejected because an LFS pointer pointed to a file that does not exist"
 
@@ -40,21 +40,19 @@ def _visible(hub: LocalHub, request: Request, kind: str, name: str) -> Repositor
     return repository
 
 
-def _writable(
-    hub: LocalHub, request: Request, kind: str, name: str, create_pr: bool = False
-) -> Repository:
-    """Return a repository that the token may change, or propose changes to."""
+def _writable(hub: LocalHub, request: Request, kind: str, name: str) -> Repository:
+    """Return a repository that the token may change."""
     repository = _visible(hub, request, kind, name)
-    _check_writer(request, name if not create_pr else None)
+    _check_writer(request, name)
     return repository
 
 
-def _check_writer(request: Request, name: str | None) -> None:
-    """Refuse an account that may not write, to that repository if one is given."""
+def _check_writer(request: Request, name: str) -> None:
+    """Refuse an account that may not write to a repository."""
     account = request.account
     if account is None:
         raise RefusalError(401, "Invalid username or password.")
-    if account.role != "write" or not (name is None or account.owns(name)):
+    if account.role != "write" or not account.owns(name):
         raise RefusalError(403, "Forbidden: you need write access, or pass `create_pr=1`")
 
 
@@ -104,8 +102,7 @@ def auth_check(hub: LocalHub, request: Request, kind: str, name: str, write: str
 
 @route("POST", "/api/validate-yaml")
 def validate_yaml(hub: LocalHub, request: Request) -> Answer:  # noqa: ARG001
-    asked = request.json()
-    errors = errors_of(asked["content"], asked.get("repoType", "model"))
+    errors = errors_of(request.json()["content"])
     told = {"errors": [{"message": message} for message in errors], "warnings": []}
     return as_json(told, 400 if errors else 200)
 
@@ -126,21 +123,6 @@ def create_repo(hub: LocalHub, request: Request) -> Answer:
     private = asked.get("private") is True or asked.get("visibility") == "private"
     hub.create_repo(name, private, kind)
     return as_json({"url": url, "name": name})
-
-
-@route("GET", "/api/datasets")
-def list_datasets(hub: LocalHub, request: Request) -> Answer:
-    """List the datasets of an author whose names contain a text, with what is asked for."""
-    author, texts = request.query["author"][0], request.query.get("search", [])
-    found = []
-    for (kind, name), repository in hub.repositories.items():
-        owner, _, label = name.partition("/")
-        owns = request.account is not None and request.account.owns(name)
-        if kind != "dataset" or owner != author or (repository.private and not owns):
-            continue
-        if all(text in label for text in texts):
-            found.append(_info(hub, repository, "main"))
-    return as_json(found)
 
 
 @route("GET", f"{REPO}(?:/revision/{REVISION})?")
@@ -165,7 +147,6 @@ def _info(hub: LocalHub, repository: Repository, revision: str) -> dict[str, Any
         "private": repository.private,
         "tags": [],
         "cardData": card,
-        "sdk": (card or {}).get("sdk") if repository.kind == "space" else None,
         "siblings": [{"rfilename": path} for path in sorted(commit.tree)],
     }
 
@@ -228,7 +209,7 @@ def list_refs(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
 
 @route("POST", f"{REPO}/preupload/{REVISION}")
 def preupload(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
-    tree = _commit(_writable(hub, request, kind, name, request.flag("create_pr")), revision).tree
+    tree = _commit(_writable(hub, request, kind, name), revision).tree
     files = []
     for file in request.json()["files"]:
         is_lfs = b"\0" in base64.b64decode(file["sample"])
@@ -243,7 +224,7 @@ def preupload(hub: LocalHub, request: Request, kind: str, name: str, revision: s
 @route("POST", rf"{FILES}\.git/info/lfs/objects/batch")
 def lfs_batch(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
     asked = request.json()
-    _writable(hub, request, kind or "model", name, "ref" not in asked)
+    _writable(hub, request, kind or "model", name)
     verify = {"href": f"{hub.url}{request.raw_path.replace('/objects/batch', '/verify')}"}
     objects = []
     for each in asked["objects"]:
@@ -271,10 +252,9 @@ def receive(hub: LocalHub, request: Request, sha256: str) -> Answer:
 @route("POST", f"{REPO}/commit/{REVISION}")
 def commit(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     """Commit all operations or none, on a parent that is checked if it is given."""
-    create_pr = request.flag("create_pr")
     lines = map(json.loads, request.body().splitlines())
     header, *operations = [(line["key"], line["value"]) for line in lines]
-    repository = _writable(hub, request, kind, name, create_pr)
+    repository = _writable(hub, request, kind, name)
     ref, parent = f"refs/heads/{revision}", _commit(repository, revision)
     if ref not in repository.refs:
         raise RefusalError(404, f"Invalid rev id: {revision}", "RevisionNotFound")
@@ -292,29 +272,10 @@ def commit(hub: LocalHub, request: Request, kind: str, name: str, revision: str)
         elif tree.pop(path, None) is None:  # A deletedFile.
             raise RefusalError(404, f"A file with this name doesn't exist: {path}", "EntryNotFound")
     url = f"{hub.url}/{PREFIXES[kind]}{name}"
-    told: dict[str, Any] = {"success": True}
-    if create_pr:
-        number = 1 + sum(each.startswith("refs/pr/") for each in repository.refs)
-        ref = f"refs/pr/{number}"
-        repository.refs[ref] = parent.oid
-        told["pullRequestUrl"] = f"{url}/discussions/{number}"
     made = repository.commit(ref, tree, header[1]["summary"])
     hub.save()
-    return as_json(told | {"commitOid": made.oid, "commitUrl": f"{url}/commit/{made.oid}"})
-
-
-@route("GET", f"{REPO}/discussions")
-def list_discussions(hub: LocalHub, request: Request, kind: str, name: str) -> Answer:
-    """List the pull requests, which are open until they are merged."""
-    repository = _visible(hub, request, kind, name)
-    about = {"createdAt": "2026-11-23T00:00:00.000Z", "isPullRequest": True, "status": "open"}
-    found = [
-        {"num": int(ref.rpartition("/")[2]), "title": repository.commits[oid].title, **about}
-        | {"author": {"name": "user"}, "repo": {"name": name, "type": kind}}
-        for ref, oid in repository.refs.items()
-        if ref.startswith("refs/pr/") and oid != repository.refs[MAIN]
-    ]
-    return as_json({"discussions": found, "start": 0, "count": len(found)})
+    told = {"success": True, "commitOid": made.oid, "commitUrl": f"{url}/commit/{made.oid}"}
+    return as_json(told)
 
 
 @route("POST", f"{REPO}/tag/{REVISION}")
@@ -324,7 +285,12 @@ def create_tag(hub: LocalHub, request: Request, kind: str, name: str, revision: 
         hub.faults.tags_to_occupy -= 1
         *_, first = repository.history(repository.find("main"))
         repository.refs[ref] = first.oid
-    return _pointed(hub, repository, ref, revision)
+    target = _commit(repository, revision)
+    if ref in repository.refs:
+        raise RefusalError(409, f"Reference {ref} already exists")
+    repository.refs[ref] = target.oid
+    hub.save()
+    return as_json({})
 
 
 @route("DELETE", rf"{REPO}/tag/(?P<tag>[^/]+)")
@@ -332,22 +298,6 @@ def delete_tag(hub: LocalHub, request: Request, kind: str, name: str, tag: str) 
     repository = _writable(hub, request, kind, name)
     if repository.refs.pop(f"refs/tags/{tag}", None) is None:
         raise RefusalError(404, f"Tag {tag} does not exist", "RevisionNotFound")
-    hub.save()
-    return as_json({})
-
-
-@route("POST", f"{REPO}/branch/(?P<branch>[^/]+)")
-def create_branch(hub: LocalHub, request: Request, kind: str, name: str, branch: str) -> Answer:
-    start = request.json().get("startingPoint", "main")
-    return _pointed(hub, _writable(hub, request, kind, name), f"refs/heads/{branch}", start)
-
-
-def _pointed(hub: LocalHub, repository: Repository, ref: str, revision: str) -> Answer:
-    """Let a new ref point at a revision; 409 if there is one, wherever it points."""
-    target = _commit(repository, revision)
-    if ref in repository.refs:
-        raise RefusalError(409, f"Reference {ref} already exists")
-    repository.refs[ref] = target.oid
     hub.save()
     return as_json({})
 
@@ -392,49 +342,3 @@ def resolve(
         raise RefusalError(416, "Range Not Satisfiable")
     headers["Content-Range"] = f"bytes {start}-{stop - 1}/{size}"
     return Answer(206, content[start:stop], headers)
-
-
-@route("POST", "/api/collections")
-def create_collection(hub: LocalHub, request: Request) -> Answer:
-    asked = request.json()
-    owner, title = asked["namespace"], asked["title"]
-    _user(request)
-    _check_writer(request, f"{owner}/")
-    slug = f"{owner}/{hashlib.sha256(title.encode()).hexdigest()[:24]}"
-    if slug in hub.collections:
-        return as_json({"error": "This collection already exists", "slug": slug}, 409)
-    hub.collections[slug] = {
-        "slug": slug,
-        "title": title,
-        "owner": {"name": owner, "type": "user"},
-        "items": [],
-        "lastUpdated": "2026-01-01T00:00:00.000Z",
-        "private": asked.get("private", False),
-        "position": 0,
-        "theme": "green",
-        "upvotes": 0,
-    }
-    hub.save()
-    return as_json(hub.collections[slug])
-
-
-@route("GET", r"/api/collections/(?P<slug>[^/]+/[^/]+)")
-def get_collection(hub: LocalHub, request: Request, slug: str) -> Answer:  # noqa: ARG001
-    if slug not in hub.collections:
-        raise RefusalError(404, "Collection not found")
-    return as_json(hub.collections[slug])
-
-
-@route("POST", r"/api/collections/(?P<slug>[^/]+/[^/]+)/items")
-def add_item(hub: LocalHub, request: Request, slug: str) -> Answer:
-    _user(request)
-    _check_writer(request, slug)
-    item = request.json()["item"]
-    _visible(hub, request, item["type"], item["id"])
-    items = hub.collections[slug]["items"]
-    if item["id"] in (each["id"] for each in items):
-        raise RefusalError(409, "Item already in collection")
-    items.append({"_id": hashlib.sha256(item["id"].encode()).hexdigest()[:24], **item})
-    items[-1]["position"] = len(items) - 1
-    hub.save()
-    return as_json(hub.collections[slug])

@@ -1,8 +1,7 @@
 """What the Hub finds wrong with the YAML at the top of a README.md (`/api/validate-yaml`).
 
-Rules: https://huggingface.co/docs/hub/datasets-manual-configuration, the metadata specification
-https://github.com/huggingface/hub-docs/blob/main/datasetcard.md, and for Spaces
-https://huggingface.co/docs/hub/spaces-config-reference.
+Rules: https://huggingface.co/docs/hub/datasets-manual-configuration, and the metadata specification
+https://github.com/huggingface/hub-docs/blob/main/datasetcard.md.
 """
 
 from __future__ import annotations
@@ -14,13 +13,9 @@ from typing import Any
 import yaml
 
 FRONT_MATTER = re.compile(r"\A\s*---[ \t]*\r?\n(.*?)^---[ \t]*\r?$", re.DOTALL | re.MULTILINE)
-COLOUR = "red|yellow|green|blue|indigo|purple|pink|gray"
 WORDS = {
     **dict.fromkeys(("license", "language", "tags", "task_categories", "size_categories"), ".+"),
     **dict.fromkeys(("annotations_creators", "source_datasets", "datasets"), ".+"),
-    **dict.fromkeys(("colorFrom", "colorTo"), COLOUR),
-    "sdk": "gradio|docker|static",
-    "short_description": ".{0,60}",
 }
 """Key -> the form of its word, or of each of its words."""
 SPLIT = r"\w+(\.\w+)*"
@@ -36,11 +31,11 @@ def read_front_matter(readme: str) -> Any:
     return yaml.safe_load(match[1]) if match else None
 
 
-def errors_of(readme: str, kind: str) -> list[str]:
+def errors_of(readme: str) -> list[str]:
     """Return what the Hub finds wrong with the card of a repository."""
     try:
         metadata = read_front_matter(readme) or {}
-        errors = [*_errors({"sdk": ""} | metadata if kind == "space" else metadata)]
+        errors = [*_errors(metadata)]
     except (yaml.YAMLError, AttributeError, LookupError, TypeError) as error:
         errors = [" ".join(str(error).split())]
     return [f"YAML Metadata Error: {error}" for error in errors]

@@ -9,7 +9,6 @@ import threading
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 from uuid import uuid4
 
 import hub.calls  # noqa: F401  Its functions answer the calls.
@@ -19,8 +18,6 @@ from hub.state import MAIN, TOKENS, Account, Commit, Entry, Repository, RequestL
 
 LFS_SUFFIXES = (".parquet", ".png", ".safetensors")
 GITATTRIBUTES = "".join(f"*{suffix} filter=lfs -text\n" for suffix in LFS_SUFFIXES).encode()
-TEMPLATE = {"style.css": b"body { padding: 2rem; }\n"}
-"""What the Hub puts into a new static Space, in short."""
 FOREIGN_SETTINGS = ("HF_", "HUGGING", "TRANSFORMERS_", "DATASETS_")
 PROXIES = ("http_proxy", "https_proxy", "all_proxy")
 SETTINGS = {
@@ -67,10 +64,8 @@ class LocalHub:
             TOKENS["stranger"]: Account("stranger", "stranger", (), "write"),
         }
         self.repositories: dict[tuple[str, str], Repository] = {}
-        self.collections: dict[str, dict[str, Any]] = {}
         if (file := folder / "state.json").exists():
             saved = json.loads(file.read_text(encoding="utf-8"))
-            self.collections = saved["collections"]
             for repository in map(Repository.load, saved["repositories"]):
                 self.repositories[repository.kind, repository.name] = repository
         self._homes = 0
@@ -116,7 +111,7 @@ class LocalHub:
     def save(self) -> None:
         """Write what there is, so that it is there wholly or not at all."""
         repositories = [asdict(repository) for repository in self.repositories.values()]
-        saved = {"repositories": repositories, "collections": self.collections}
+        saved = {"repositories": repositories}
         unfinished = self.folder / "state.json.unfinished"
         unfinished.write_text(json.dumps(saved), encoding="utf-8")
         unfinished.replace(self.folder / "state.json")
@@ -125,8 +120,7 @@ class LocalHub:
         """Make a repository with its first commit."""
         with self.lock:
             repository = self.repositories[kind, name] = Repository(kind, name, private)
-            files = {".gitattributes": GITATTRIBUTES} | (TEMPLATE if kind == "space" else {})
-            tree = {path: self.regular_entry(content) for path, content in files.items()}
+            tree = {".gitattributes": self.regular_entry(GITATTRIBUTES)}
             repository.commit(MAIN, tree, "initial commit")
             self.save()
 
@@ -177,12 +171,6 @@ class LocalHub:
         """Let a tag point at the head of `main`."""
         refs = self.repositories[kind, name].refs
         refs[f"refs/tags/{tag}"] = refs[MAIN]
-
-    def merge(self, name: str, number: int) -> str:
-        """Return the commit of a pull request to a dataset, which `main` is moved to."""
-        refs = self.repositories["dataset", name].refs
-        refs[MAIN] = refs[f"refs/pr/{number}"]
-        return refs[MAIN]
 
     def refs(self, name: str, kind: str = "dataset") -> dict[str, str]:
         """Return the commit of every full ref, such as `refs/tags/1.0.0`."""

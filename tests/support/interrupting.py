@@ -35,9 +35,9 @@ def crash(moment: str) -> Iterator[None]:
     """End a build before or after the move into place, or while a file of this name is written."""
     move, replace = workplace.move_into_place, Path.replace
 
-    def crashing_move(shards: Path, folder: Path) -> None:
+    def crashing_move(shards: Path, folder: Path, mark: str) -> None:
         if moment == "after the move":
-            move(shards, folder)
+            move(shards, folder, mark)
         raise CrashError
 
     def crashing_replace(file: Path, target: Path) -> Path:

@@ -90,7 +90,8 @@ def serve(address: str, launcher: str) -> socket.socket:
     """Fork a process for each call, and return there the connection with the caller."""
     parent = os.getppid()
     for name in LIBRARIES:
-        import_module(name)
+        with suppress(ModuleNotFoundError):  # Earlier versions of the Hub's client have httpx.
+            import_module(name)
     sys.executable = launcher
     gc.freeze()  # What is there is shared by all, and never looked through.
     with socket.socket(socket.AF_UNIX) as listening:

@@ -68,12 +68,12 @@ def analyse(folder: Path) -> dict[str, Any]:
     return content
 
 
-def evaluate_own(folder: Path, run_dir: Path, name: str) -> None:
+def evaluate_own(folder: Path, run_dir: Path, name: str, author: str = "") -> None:
     """Leave results on test of a policy that no run made, which goes up for ever."""
     results = labyrinth_core.evaluate(
         lambda shown: np.zeros(len(shown), int), folder.parent, folder.name, splits=["test"]
     )
-    results.save(run_dir / folder.name / "mine" / "results.json", name=name)
+    results.save(run_dir / folder.name / "mine" / "results.json", name=name, author=author)
 
 
 def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:

@@ -118,7 +118,6 @@ def add_up(told: dict[str, Any], cells: int) -> None:
     """Make the figures of a split follow from its outcomes and moves, as a forger would."""
     episodes = Episodes.of_letters(told["outcomes"], told["moves"], cells)
     distance = np.array(told["distance"])
-    marks = told["known_route"]
-    known = None if marks is None else np.array([mark == "1" for mark in marks])[: len(distance)]
+    known = np.array([mark == "1" for mark in told["known_route"]])[: len(distance)]
     accuracies = (told[name] for name in ACCURACIES)
     told |= Scores(episodes, distance, distance, *accuracies, known).figures()

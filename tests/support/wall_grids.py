@@ -1,9 +1,8 @@
-"""A small labyrinth as a wall grid, and the files that it may come in."""
+"""A small labyrinth as a wall grid, and the bytes of its file."""
 
 from __future__ import annotations
 
 import io
-import zipfile
 
 import numpy as np
 
@@ -32,12 +31,4 @@ def changed(row, column, element, grid=GRID):
 def npy(array):
     file = io.BytesIO()
     np.save(file, array)
-    return file.getvalue()
-
-
-def zipped(members, compression=zipfile.ZIP_STORED):
-    file = io.BytesIO()
-    with zipfile.ZipFile(file, "w", compression) as archive:
-        for name, data in members.items():
-            archive.writestr(name, data)
     return file.getvalue()

@@ -38,9 +38,11 @@ function table(caption, headings, rows) {
   );
 }
 
+const grouped = (number) => number.toLocaleString("en-US");
 const plural = (count, noun) => `${grouped(count)} ${noun}${count === 1 ? "" : "s"}`;
 const percent = (share, digits = 1) => `${(100 * share).toFixed(digits)}%`;
 const notice = (...children) => element("p", { class: "notice" }, ...children);
+const sentence = (text) => `${text[0].toUpperCase()}${text.slice(1)}.`;
 const code = (text) => element("code", {}, text);
 
 /** Fill a <select> with [value, label] pairs. */
@@ -54,13 +56,6 @@ async function copyText(text, status) {
     await navigator.clipboard.writeText(text);
     status.textContent = "Copied.";
   } catch {
-    status.textContent = "The browser does not allow copying: select the text and copy it.";
+    status.textContent = "The browser does not allow copying. The column info has the text, too.";
   }
-}
-
-/** Hand a file to the person, as the browser does with downloads. */
-function saveAs(name, content, type) {
-  const address = URL.createObjectURL(new Blob([content], { type }));
-  element("a", { href: address, download: name }).click();
-  setTimeout(() => URL.revokeObjectURL(address));
 }

@@ -36,8 +36,7 @@ function layout({ height, width }, size) {
  * Draw a labyrinth.
  *
  * `view` may have: `state` (number of the state that the agent is in), `route` (cells), `arrows`
- * (pairs of a cell and its optimal actions), `seen` (the cells that are not hidden), `cursor`
- * and `fault` (a cell each).
+ * (pairs of a cell and its optimal actions), `seen` (the cells that are not hidden).
  */
 function paint(canvas, labyrinth, size, view = {}) {
   const { height, width } = labyrinth;
@@ -56,11 +55,8 @@ function paint(canvas, labyrinth, size, view = {}) {
   if (view.route) paintRoute(pencil, view.route.map(grid.middle), grid);
   if (view.state !== undefined) paintAgent(pencil, labyrinth, grid, colours, view.state);
   for (const [cell, actions] of view.arrows ?? []) {
-    const here = view.state !== undefined && cell === view.state % labyrinth.up.length;
+    const here = cell === view.state % labyrinth.up.length;
     for (const action of actions) paintArrow(pencil, grid, cell, action, here);
-  }
-  for (const [cell, colour] of [[view.cursor, "accent"], [view.fault, "bad"]]) {
-    if (cell !== undefined && cell !== null) frame(pencil, grid, cell, colour);
   }
 }
 
@@ -148,15 +144,6 @@ function paintArrow(pencil, grid, cell, action, here) {
   pencil.lineTo(foot[0] + along * wide, foot[1] + across * wide);
   pencil.lineTo(foot[0] - along * wide, foot[1] - across * wide);
   pencil.fill();
-}
-
-function frame(pencil, grid, cell, name) {
-  const style = getComputedStyle(document.documentElement).getPropertyValue(`--${name}`);
-  pencil.strokeStyle = style;
-  pencil.lineWidth = Math.max(2, grid.thick);
-  const inset = grid.thick + pencil.lineWidth;
-  const side = grid.pitch - inset - pencil.lineWidth;
-  pencil.strokeRect(grid.left(cell) + inset, grid.top(cell) + inset, side, side);
 }
 
 /** Return pairs of a cell and its optimal actions, with key and door as they are in `state`. */

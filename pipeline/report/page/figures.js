@@ -1,5 +1,6 @@
 // Figures of a dataset, with a panel for each split, and their numbers in tables.
 
+const ACTION_TILES = ["agent", "goal", "start", "key"]; // Whose colours the bars of actions have.
 const BARS = 200; // The width of the bars beside the names.
 const PANEL = { width: 280, height: 130, left: 38, bottom: 22, top: 8 };
 
@@ -128,7 +129,7 @@ function actionFigure(dataset) {
   const most = Math.max(...shares.flat());
   const panels = dataset.splits.map(({ name }, place) => {
     const bars = ACTIONS.map((action, number) => ({
-      name: action, share: shares[place][number], colour: DATA.actionColours[number],
+      name: action, share: shares[place][number], colour: DATA.colours[ACTION_TILES[number]],
     }));
     return panel(name, "", barPicture(bars, most, `Actions in ${name}`));
   });

@@ -1,5 +1,4 @@
-// The findings of other stages: the certificate of leakage, the shift between splits, and the
-// results of training.
+// The findings of other stages: leakage and shift between splits, and the results of policies.
 
 const runName = ({ config }, { name }) => `${config} ${name}`;
 const methodName = ({ config, name }) => `${config} ${name}, every seed`;
@@ -29,24 +28,24 @@ function whoFailed({ dataset, split }, id) {
 }
 
 const COMMON = {
-  equal: "the same",
+  equal: "the same structure",
   mirrored: "mirrored",
   symmetric: "turned",
-  same_route: "same route",
+  same_route: "a shared best route",
 };
 
-function showCertificate() {
-  const dataset = DATA.datasets[byId("certificate-dataset").selectedIndex];
-  byId("analysis").replaceChildren(...certificateOf(dataset));
+function showLeakage() {
+  const dataset = DATA.datasets[byId("leakage-dataset").selectedIndex];
+  byId("analysis").replaceChildren(...leakageOf(dataset));
 }
 
-function certificateOf(dataset) {
+function leakageOf(dataset) {
   const { analysis } = dataset;
   if (!analysis) {
     const task = dataset.task === "navigation" ? "" : ` task=${dataset.task}`;
     const command = `labyrinth-datasets size=${sizeOf(dataset)}${task} 'stages=[analyse,report]'`;
     return [notice("This dataset was not analysed, or has changed since. ", code(command),
-      " (with the options that it was built with) makes the certificate and writes it here.")];
+      " (with the options that it was built with) analyses it and writes the result here.")];
   }
   const walls = Object.keys(analysis.pairs[0]?.within ?? {});
   const rows = analysis.pairs.map(({ first, second, counts, within, spread }) => [
@@ -60,8 +59,8 @@ function certificateOf(dataset) {
     spread,
   ]);
   const headings = [
-    "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `≤ ${plural(+count, "wall")}`),
-    "walls to the nearest",
+    "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `at most ${plural(+count, "wall")} away`),
+    "walls to the nearest: least, median",
   ];
   return [
     element("h2", {}, "Leakage"),
@@ -69,17 +68,18 @@ function certificateOf(dataset) {
     table("Labyrinths of the second split that have in the first …", headings, rows),
     element(
       "p", { class: "muted" },
-      "The same: an equal structure. Mirrored: also one that a rotation or reflection makes the " +
-      "same with start and goal. Turned: wherever start and goal are. Same route: an optimal " +
-      "route that is optimal there, too. Walls to the nearest structure: the least and the median.",
+      "Mirrored: the same structure, also after a rotation or reflection that keeps start and " +
+      "goal. Turned: also after any other. A shared best route: an optimal route of one is " +
+      "optimal in the other, too.",
     ),
     ...analysis.pairs.map(examplesOf).filter(Boolean),
     element("h2", {}, "Shift between splits"),
     shiftTable(analysis),
     element(
       "p", { class: "muted" },
-      `p comes of ${grouped(analysis.permutations)} permutations of whole labyrinths, and is ` +
-      "corrected for the number of tests by Holm's method.",
+      "Distance: Jensen-Shannon for actions (0 to 1), Wasserstein for the others. Effect size: " +
+      `Cohen's d. p-values from ${grouped(analysis.permutations)} label permutations over ` +
+      "labyrinths; Holm's method corrects them for the number of tests.",
     ),
   ];
 }
@@ -142,9 +142,10 @@ function shiftTable({ shift }) {
     `${each.corrected.toFixed(3)}${each.corrected <= 0.05 ? " *" : ""}`,
   ]);
   const headings = [
-    "splits", ["measure", "text"], "labyrinths", "distance", "effect d", "p alone", "p",
+    "splits", ["measure", "text"], "labyrinths of each", "distance", "effect size",
+    "p-value", "corrected p-value",
   ];
-  return table("How the splits differ; * p of 0.05 or less", headings, rows);
+  return table("How the splits differ; * significant, corrected p of 0.05 or less", headings, rows);
 }
 
 function showResults() {
@@ -156,7 +157,7 @@ function showResults() {
 
 function noResults() {
   return notice(
-    "There are no results of training on these datasets in the folder of runs. ",
+    "There are no results of policies on these datasets. ",
     code("labyrinth-datasets 'stages=[train,evaluate,report]' method=bc"),
     " (with the options of the dataset) makes some and writes them here.",
   );
@@ -173,23 +174,33 @@ function resultsOf(config) {
   const panels = splits.map((split) =>
     panel(split, "", barPicture(bars(split), 1, `SPL on ${split}`)),
   );
-  const rows = methods.map((method) => [
-    method.name, grouped(method.runs.length), ...splits.map((split) => ratesOf(method.splits[split])),
-  ]);
+  const row = (method) => [
+    named(method), method.submitted ? "" : grouped(method.runs.length),
+    ...splits.map((split) => ratesOf(method.splits[split])),
+  ];
+  const rows = (submitted) => methods.filter((each) => each.submitted === submitted).map(row);
   const others = Object.keys(baselines[splits[0]]).map((name) => [
     [name.replaceAll("_", " "), "muted"], "",
     ...splits.map((split) => ratesOf(baselines[split][name])),
   ]);
   const results = figure(
     `SPL, ${config}`,
-    `${DATA.whySpl} Of runs one greedy episode in each labyrinth, the mean over seeds; SPL has its 95% ` +
-    "interval over seeds and labyrinths. In the table, success rate, average return and its " +
-    "standard deviation stand below; in grey, what needs no learning.",
+    `${DATA.whySpl} Of runs one greedy episode in each labyrinth, the mean over seeds; the line ` +
+    "is the 95% interval of SPL over seeds and labyrinths. The table has SPL, and below it the " +
+    "success rate and the average return with its standard deviation; in grey what needs no " +
+    "learning, last what was submitted.",
     panels,
-    table("SPL, success rate and return", ["method", "seeds", ...splits], [...rows, ...others]),
+    table("SPL; below it success rate (SR) and average return", ["method", "seeds", ...splits], [...rows(false), ...others, ...rows(true)]),
   );
   results.querySelector("details").open = true;
   return [results, ...methods.map(methodDetails)];
+}
+
+/** Return the name of a method, and who submitted it. */
+function named({ name, submitted, author }) {
+  if (!submitted) return name;
+  const by = author ? `submitted by ${author}` : "submitted";
+  return element("span", {}, name, element("br"), element("small", {}, by));
 }
 
 /** Return a table's cell with SPL, success rate and average return, empty if there are none. */
@@ -202,7 +213,7 @@ function ratesOf(figures) {
 
 /** Return the details of a method: what all its seeds failed on, and each run. */
 function methodDetails(method) {
-  const { name, runs, splits } = method;
+  const { name, runs, splits, submitted } = method;
   const rows = Object.entries(splits).map(([split, scores]) => [
     split,
     percent(scores.spl),
@@ -212,12 +223,23 @@ function methodDetails(method) {
     failedButton(methodName(method), split, scores),
     `${scores.aer.toFixed(3)} ± ${scores.aer_std.toFixed(2)}`,
   ]);
-  const headings = ["split", "SPL", "SR in n x n steps", "SR", "95%", "every seed failed on", "AER"];
+  const headings = [
+    "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval",
+    "every seed failed on", "average return",
+  ];
+  const what = submitted ? "submitted" : plural(runs.length, "run");
   return element(
     "details", { open: DATA.results.length === 1 },
-    element("summary", {}, `${name}: ${plural(runs.length, "run")}, and what failed`),
+    element("summary", {}, `${name}: ${what}, and what failed`),
     runs.length > 1 ? table(`${name}, mean of ${runs.length} seeds`, headings, rows) : null,
     ...runs.map((run) => runTable(run, runName(method, run))),
+    element(
+      "p", { class: "muted" },
+      "n x n steps: as many as there are cells. Failures: a loop between cells, the same wall for " +
+      "ever, ice. Path efficiency: moves of a shortest route divided by moves taken, where " +
+      "solved. Optimal actions: their share in the states in which demonstrations act, and in " +
+      "the others.",
+    ),
   );
 }
 
@@ -241,8 +263,9 @@ function runTable({ name, splits }, label) {
     grouped(scores.labyrinths),
   ]);
   const headings = [
-    "split", "SPL", "SR in n x n steps", "SR", "95%", "failed on", ["how", "text"], "AER", "path efficiency",
-    "optimal where demonstrated", "optimal elsewhere", "labyrinths",
+    "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval", "failed on",
+    ["how", "text"], "average return", "path efficiency", "optimal actions where demonstrated",
+    "optimal actions elsewhere", "labyrinths",
   ];
   return table(name, headings, rows);
 }

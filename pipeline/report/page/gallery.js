@@ -135,7 +135,22 @@ function galleryKey(event) {
   event.preventDefault();
 }
 
+/** Show what the colours of the tiles that occur mean. */
+function setUpLegend() {
+  const tiles = { start: "start", goal: "goal" };
+  const tasks = new Set(DATA.datasets.map(({ task }) => task));
+  if (tasks.has("key_and_door")) Object.assign(tiles, { key: "key", door: "door" });
+  if (tasks.has("icy_floor")) tiles.ice = "ice, which ends the episode";
+  tiles.agent = "agent, in an episode";
+  for (const [tile, words] of Object.entries(tiles)) {
+    const swatch = element("i", { class: "swatch" });
+    swatch.style.background = rgb(DATA.colours[tile]);
+    byId("legend").append(element("span", {}, swatch, words));
+  }
+}
+
 function setUpGallery() {
+  setUpLegend();
   const form = byId("filters");
   const distinct = (values) => [...new Set(values)].map((value) => [value, value]);
   const words = (value) => value.replaceAll("_", " ");

@@ -1,9 +1,9 @@
 // The parts of the page, one at a time, and its theme.
 
-const PARTS = ["gallery", "figures", "certificate", "results", "editor"];
+const PARTS = ["gallery", "figures", "leakage", "results"];
 const DRAW = {
-  gallery: redrawGallery, figures: showFigures, certificate: showCertificate,
-  results: showResults, editor: refreshEditor,
+  gallery: redrawGallery, figures: showFigures, leakage: showLeakage,
+  results: showResults,
 };
 const THEMES = ["auto", "light", "dark"];
 const darkPreferred = window.matchMedia("(prefers-color-scheme: dark)");
@@ -53,25 +53,22 @@ function setUp() {
   const total = labyrinths.reduce((sum, count) => sum + count, 0);
   byId("summary").textContent =
     `${DATA.datasets.map(({ name }) => name).join(", ")}: ${plural(total, "labyrinth")}`;
-  for (const id of ["figures-dataset", "certificate-dataset"]) {
+  for (const id of ["figures-dataset", "leakage-dataset"]) {
     fill(byId(id), DATA.datasets.map(({ name }) => [name, name]));
   }
   byId("figures-dataset").addEventListener("change", showFigures);
-  byId("certificate-dataset").addEventListener("change", showCertificate);
+  byId("leakage-dataset").addEventListener("change", showLeakage);
   for (const part of PARTS) {
     byId(`tab-${part}`).addEventListener("click", () => showPart(part));
     byId(`tab-${part}`).addEventListener("keydown", tabKey);
   }
   setUpGallery();
   setUpPlayer();
-  setUpEditor();
   const asked = location.hash.slice(2);
   showPart(PARTS.includes(asked) ? asked : "gallery");
   performance.mark("usable");
 }
 
 // For the tests and the browser's console.
-window.labyrinths = {
-  BLOCKS, decode, parse, missingTiles, dump, distances, optimalActions, shortestRoute, paint, player,
-};
+window.labyrinths = { BLOCKS, dump, distances, optimalActions };
 setUp();

@@ -1,6 +1,6 @@
 // The player: one labyrinth, its episodes step by step, and the optimal actions in every state.
 
-const player = { place: 0, id: "", labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
+const player = { labyrinth: null, distance: null, episodes: [], states: [], at: 0, timer: null };
 const STEP_MILLISECONDS = 350;
 
 function openPlayer(place) {
@@ -12,7 +12,6 @@ function openPlayer(place) {
   player.distance = distances(player.labyrinth);
   player.episodes = block.episodes(index);
   const id = block.hex("id", index);
-  player.id = id;
   byId("player-title").textContent = `Labyrinth ${id}`;
   const facts = {
     Dataset: `${block.dataset.name}, ${block.split.name}, number ${grouped(index)}`,
@@ -41,18 +40,9 @@ function openPlayer(place) {
 
 function chooseEpisode(number) {
   player.actions = player.episodes[number];
-  player.states = replay(player.labyrinth, player.actions, firstState(number));
+  player.states = replay(player.labyrinth, player.actions);
   byId("progress").max = player.actions.length;
   showState(0);
-}
-
-/** Return the state that an episode begins in: where the one before it was cut, or the start. */
-function firstState(number) {
-  const { labyrinth, episodes } = player;
-  return episodes.slice(0, number).reduce((state, actions) => {
-    const last = replay(labyrinth, actions, state).at(-1);
-    return isTerminal(labyrinth, last) ? initial(labyrinth) : last;
-  }, initial(labyrinth));
 }
 
 function showState(at) {
@@ -128,12 +118,6 @@ function playerKey(event) {
   keys[event.key]();
 }
 
-function saveMovingPicture() {
-  const { labyrinth, states } = player;
-  const hides = byId("seen").checked && labyrinth.task === "partial_observability";
-  saveAs(`${player.id}.gif`, gifOf(labyrinth, states, hides), "image/gif");
-}
-
 function setUpPlayer() {
   const on = (id, act) => byId(id).addEventListener("click", act);
   on("first", () => showState(0));
@@ -142,15 +126,7 @@ function setUpPlayer() {
   on("last", () => showState(player.actions.length));
   on("play", togglePlaying);
   on("player-close", () => byId("player").close());
-  on("edit", () => {
-    byId("player").close();
-    showPart("editor");
-    edit(player.labyrinth);
-  });
-  on("save-gif", saveMovingPicture);
-  on("copy-shown", () => {
-    copyText(dump(player.labyrinth), byId("step"));
-  });
+  on("copy", () => copyText(dump(player.labyrinth), byId("step")));
   byId("progress").addEventListener("input", (event) => {
     stopPlaying();
     showState(+event.target.value);

@@ -1,5 +1,6 @@
 """The pictures that are kept: the same as without a cache, whatever other processes do."""
 
+import ctypes
 import errno
 import os
 import pickle
@@ -96,8 +97,10 @@ def test_the_users_cache_folder_is_the_default(data_dir, tmp_path, monkeypatch):
 def test_without_a_cache_nothing_is_written(data_dir, tmp_path, monkeypatch, cache_dir):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
     transitions = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache_dir)
-    assert transitions.frames.flags.writeable
-    load_transitions(data_dir, "3x3", observation="vector")
+    assert transitions.frames.base is None
+    vectors = load_transitions(data_dir, "3x3", observation="vector")
+    for loaded in (transitions, vectors):
+        assert not any(getattr(loaded, name).flags.writeable for name in FIELDS)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -301,6 +304,35 @@ def test_files_of_others_are_left_alone(data_dir, cache, monkeypatch):
     monkeypatch.setenv(LIMIT_VARIABLE, "1e-3")
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert all(path.exists() for path in others)
+
+
+# What is written to a picture.
+
+
+@pytest.mark.parametrize("memory", [True, False], ids=["enough memory", "a file too large for it"])
+def test_a_cache_file_is_mapped_so_that_a_write_stays_in_the_process(
+    data_dir, cache, monkeypatch, memory
+):
+    """NumPy refuses a write; what ignores that must neither crash nor change the file."""
+    memmap = np.memmap
+
+    def limited(path, dtype, mode, *layout):
+        if mode == "c" and not memory:
+            raise OSError(errno.ENOMEM, "Cannot allocate memory")
+        return memmap(path, dtype, mode, *layout)
+
+    load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    before = only_file(cache).read_bytes()
+    monkeypatch.setattr(np, "memmap", limited)
+    loaded = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
+    picture = loaded[0].observation
+    with pytest.raises(ValueError, match="read-only"):
+        picture += 1
+    if memory:
+        first = int(picture[0, 0, 0])
+        ctypes.c_uint8.from_address(picture.ctypes.data).value = first ^ 1
+        assert loaded[0].observation[0, 0, 0] == first ^ 1
+    assert only_file(cache).read_bytes() == before
 
 
 # Workers of a DataLoader.

@@ -14,7 +14,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
-from tampering import put_shards
+from tampering import episode_rows, put_shards
 
 from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
@@ -22,7 +22,11 @@ from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
+from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.solver import shortest_routes
 
 CONFIGS = "3x3", "4x4-key_and_door"
 
@@ -213,7 +217,7 @@ def test_an_id_that_the_hub_forbids_is_refused_here():
     [
         (".", {"config": "9x9"}, f"config=9x9: .* holds {', '.join(CONFIGS)}"),
         ("3x3", {}, "{0}/3x3 is the folder of the config 3x3: give the folder that holds it, {0}"),
-        ("empty", {}, "config=3x3: .* holds none"),
+        ("empty", {}, r"config=3x3: .* holds none: a dataset has a manifest\.json, which .*"),
         (".", {"split": "eval"}, f"split=eval: the dataset has {', '.join(BASE_SPLITS)}"),
     ],
 )
@@ -229,11 +233,18 @@ def test_a_card_that_is_no_yaml_is_none_of_the_loaders_business(data_dir, tmp_pa
     assert next(stream_episodes(folder, "3x3"))  # Which follows the manifest.
 
 
-def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch):
-    there = ["README.md", "3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"]
+@pytest.mark.parametrize(
+    ("there", "holds"),
+    [
+        (["3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"], "3x3, 5x5"),
+        (["9x9/train-00000-of-00001.parquet"], r"none: .* manifest\.json, which `push_to_hub` .*"),
+    ],
+)
+def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch, there, holds):
+    files = ["README.md", *there]
     monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: str(tmp_path))
-    monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: there)
-    with pytest.raises(DatasetError, match=r"\Aconfig=9x9: user/labyrinth holds 3x3, 5x5\Z"):
+    monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: files)
+    with pytest.raises(DatasetError, match=rf"\Aconfig=9x9: user/labyrinth holds {holds}\Z"):
         load_transitions("user/labyrinth", "9x9")
 
 
@@ -385,6 +396,26 @@ def test_rows_that_make_no_episodes_are_refused(data_dir, tmp_path, edit, messag
     assert_refused(folder, message)
     with pytest.raises(DatasetError, match=message):
         load_transitions(folder, "3x3", image_size=8, draw=True)
+
+
+@pytest.mark.parametrize("place", ["first", "last"])
+@pytest.mark.parametrize(
+    ("height", "task", "words"),
+    [(4, Task.NAVIGATION, "4x3, navigation"), (3, Task.ICY_FLOOR, "3x3, icy_floor")],
+)
+def test_a_labyrinth_of_another_size_or_task_than_the_dataset_is_refused(
+    data_dir, tmp_path, height, task, words, place
+):
+    other = sample_labyrinth(height, 3, task, np.random.default_rng(0))
+    rows = episode_rows("train", 0, other, shortest_routes(other)[0])
+
+    def mix(own):
+        own[:] = [*rows, *own] if place == "first" else [*own, *rows]
+
+    folder = edited(data_dir, tmp_path / "mixed", mix)
+    assert_refused(folder, rf"\Ainfo: a labyrinth of {words}, in a dataset of 3x3, navigation\Z")
+    with pytest.raises(DatasetError, match=words):
+        load_arrays(folder, "3x3", "train", observation="vector")
 
 
 @pytest.mark.parametrize(("edit", "message"), PICTURES.values(), ids=PICTURES)

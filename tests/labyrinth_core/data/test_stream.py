@@ -171,8 +171,8 @@ def test_no_more_is_held_than_the_buffer_and_one_item(folders, monkeypatch, buff
     longest = max(len(each) + 1 for each in load_episodes(*place, split="random", **VECTOR))
     alive = WeakSet()
 
-    def noted(rows, spec):
-        for episode in episodes_of(rows, spec):
+    def noted(*given):
+        for episode in episodes_of(*given):
             alive.add(episode)
             yield episode
 
@@ -191,6 +191,25 @@ def test_ranks_are_those_of_torchrun_unless_given(folders, monkeypatch):
     monkeypatch.setenv("WORLD_SIZE", "2")
     assert share() == second
     assert share(rank=0, world_size=1) == every
+
+
+@pytest.mark.parametrize(
+    ("environment", "message"),
+    [
+        ({"WORLD_SIZE": "4"}, "RANK=None: give a whole number from 0 to 3, as WORLD_SIZE=4; or "),
+        ({"WORLD_SIZE": "4", "RANK": ""}, "RANK='': give a whole number from 0 to 3"),
+        ({"WORLD_SIZE": "4", "RANK": "4"}, "RANK=4: give a whole number from 0 to 3"),
+        ({"RANK": "1"}, "RANK=1: give a whole number from 0 to 0, as WORLD_SIZE=1"),
+        ({"WORLD_SIZE": "", "RANK": "0"}, "WORLD_SIZE='': give a whole number from 1 on"),
+    ],
+)
+def test_half_of_what_torchrun_sets_is_refused(folders, monkeypatch, environment, message):
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    with pytest.raises(ValueError, match=rf"\A{message}"):
+        stream_transitions(folders[7], CONFIG)
+    whole = stream_episodes(folders[7], CONFIG, rank=0, world_size=1, **VECTOR)
+    assert keys(whole) == keys(load_episodes(folders[7], CONFIG, **VECTOR))
 
 
 def test_a_stream_may_be_used_like_a_generator(folders):

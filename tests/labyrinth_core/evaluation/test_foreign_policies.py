@@ -10,7 +10,6 @@ import torch
 from policies import Remembering, Rounds, Table, mistaken
 
 from labyrinth_core import PolicyError, evaluate, load_arrays
-from labyrinth_core.policies.lerobot import LeRobotPolicy
 
 
 @pytest.fixture(scope="module")
@@ -67,43 +66,16 @@ def check_alike(datasets, policies, way):
 
 
 class Selects(torch.nn.Module):
-    """A policy with `reset` and `select_action` of LeRobot, which answers in chunks of two."""
-
-    def __init__(self, policy):
-        super().__init__()
-        self.policy = policy
+    """A policy with `reset` and `select_action` of LeRobot."""
 
     def reset(self):
-        self.queue = []
+        pytest.fail("it was asked without its processors")
 
-    def select_action(self, batch):
-        if not self.queue:
-            pictures = (batch["observation.image"] * 255).round().byte().permute(0, 2, 3, 1)
-            action = torch.as_tensor(self.policy(pictures.numpy()))[:, None]
-            self.queue = [action / 2 + 0.1, action / 2 - 0.2]
-        return self.queue.pop(0)
+    def select_action(self, _batch):
+        pytest.fail("it was asked without its processors")
 
 
-def test_a_policy_of_lerobot_is_evaluated_with_its_processors(datasets, arrays):
-    table = Table(arrays, mistaken(arrays, 0))
-    policy = LeRobotPolicy(Selects(table), dict, lambda action: action * 2)
-
-    class Twice:
-        """Takes each action twice, as the chunks say."""
-
-        def reset(self, _count):
-            self.steps = 0
-
-        def act(self, observations):
-            if self.steps % 2 == 0:
-                self.actions = table(observations)
-            self.steps += 1
-            return self.actions
-
-    check_alike(datasets, [Twice(), policy], "steps")
-    for wrong, options, message in (
-        (Selects(table), {}, r"policy: give one of LeRobot with its processors: .*LeRobotPolicy\("),
-        (policy, {"observation": "vector"}, "looks at observation=image, and is shown vector"),
-    ):
-        with pytest.raises(PolicyError, match=message):
-            evaluate(wrong, datasets, "3x4", image_size=8, **options)
+def test_a_policy_of_lerobot_is_refused_without_its_processors(datasets):
+    message = r"give one of LeRobot with its processors, as examples/lerobot_policy\.py does"
+    with pytest.raises(PolicyError, match=message):
+        evaluate(Selects(), datasets, "3x4", image_size=8)

@@ -103,6 +103,15 @@ def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(resu
     refused(read, some, known, "train: 3 labyrinths, but .*/3x3 has 4")
 
 
+@pytest.mark.slow
+def test_a_labyrinth_that_a_split_holds_twice_is_one_in_the_results(build, tmp_path, read):
+    build(tmp_path, labyrinths=32, shifts=["one_wall"])
+    known = KnownDataset.read(str(tmp_path), "3x3")
+    held = sum(shard.labyrinths for shard in known.manifest.of("one_wall"))
+    content = content_of(results_of(tmp_path, "3x3", forgetful(3, 3), splits=["one_wall"]))
+    assert len(read(content, known).splits["one_wall"].distance) == held - 1
+
+
 def test_some_splits_are_enough(content, known, read):
     content["splits"] = {"test": content["splits"]["test"]}
     for by_split in content["baselines"].values():
@@ -291,6 +300,7 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("splits.test.aer", -(10**400), "test: aer is -1000.*"),
         ("splits.test.sr", True, "test: sr is True, but .*"),
         ("splits.test.sr_interval", [0.5], r"test: sr_interval is \[0.5\], but .*"),
+        ("splits.test.known_route", None, "it.splits.test.known_route is None, not .*"),
         ("splits.test.accuracy_elsewhere", 1.5, "it.splits.test.accuracy_elsewhere .*"),
         ("baselines", [], r"it.baselines is \[\], not an object"),
         ("baselines.oracle.test", {}, "it.baselines.oracle.test is .*, not an object .*"),

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import shlex
-import subprocess
-from contextlib import suppress
 from dataclasses import FrozenInstanceError, fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +20,6 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
-from pipeline.config.publish import PublishOptions
 from pipeline.config.run import OPTIONS, STAGES, RunConfig, resolve
 
 CONF = Path(__file__).parents[3] / "conf"
@@ -190,21 +187,6 @@ def test_what_a_run_leaves_by_default_is_in_folders_that_git_ignores() -> None:
     ignored = (CONF.parent / ".gitignore").read_text(encoding="utf-8").split()
     for folder in left:
         assert f"/{Path(str(folder)).parts[0]}/" in ignored
-
-
-@pytest.mark.programs("git")
-@given(st.text("aB1_.-/", max_size=9) | st.sampled_from(["HEAD", "a.lock", "x.lock/y", "@"]))
-def test_every_branch_that_may_be_given_is_one_for_git(branch: str) -> None:
-    publish = PublishOptions(repo_id="user/name", version="1.0.0", branch=branch)
-    with suppress(ConfigError):
-        resolve(config(stages=["publish"], publish=publish))
-        subprocess.run(["git", "check-ref-format", "--branch", branch], check=True, cwd="/")
-
-
-@pytest.mark.parametrize("branch", ["main", "next", "v1.x", "feature/a-b_c.d", "refs/pr/1"])
-def test_usual_branches_may_be_given(branch: str) -> None:
-    publish = PublishOptions(repo_id="user/name", version="1.0.0", branch=branch)
-    resolve(config(stages=["publish"], publish=publish))
 
 
 def test_the_folder_of_a_dataset_is_not_taken_for_one_that_holds_datasets(tmp_path: Path) -> None:

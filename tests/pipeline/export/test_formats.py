@@ -9,6 +9,7 @@ import json
 
 import datasets
 import numpy as np
+import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import SIZE, episodes, split_of
@@ -18,6 +19,8 @@ from pipeline.config.run import Run
 from pipeline.export import imitation, lerobot
 
 SPLITS = ("train", "random")
+QUANTILES = {"q01": 0.01, "q10": 0.1, "q50": 0.5, "q90": 0.9, "q99": 0.99}
+KEYS = ["min", "max", "mean", "std", *QUANTILES, "count"]
 
 
 @pytest.mark.slow
@@ -41,6 +44,26 @@ def test_the_trajectories_for_imitation_are_the_episodes(small_dataset: Run, tmp
             {"labyrinth": episode.info},
             *[{}] * (len(episode) - 1),
         ]
+
+
+def test_the_columns_for_imitation_are_described_as_versions_before_4_read_them(
+    small_dataset: Run, tmp_path
+):
+    """`datasets` 4 writes the type List, which 2 and 3, as imitation allows them, do not know."""
+    imitation.write(split_of(small_dataset, "test"), tmp_path)
+    with pa.ipc.open_stream(tmp_path / "data-00000.arrow") as stream:
+        within = json.loads(stream.schema.metadata[b"huggingface"])["info"]["features"]
+    features = json.loads((tmp_path / "dataset_info.json").read_bytes())["features"]
+    assert features == within
+    lists = {name: each["_type"] for name, each in features.items() if name != "terminal"}
+    assert lists == dict.fromkeys(["obs", "acts", "infos", "rews"], "Sequence")
+    assert datasets.load_from_disk(tmp_path).features == {
+        "obs": datasets.List(datasets.Image()),
+        "acts": datasets.List(datasets.Value("int64")),
+        "infos": datasets.List(datasets.Value("string")),
+        "terminal": datasets.Value("bool"),
+        "rews": datasets.List(datasets.Value("float32")),
+    }
 
 
 @pytest.mark.slow
@@ -81,7 +104,10 @@ def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(small_dataset: Run, 
         assert number in file["episode_index"].to_pylist()
     assert number + 1 == len(table) == info["total_episodes"]
 
+    # A file of episodes that LeRobot appends has these columns, and is read with the first.
     statistics = json.loads((folder / "meta/stats.json").read_bytes())
+    names = {f"stats/{name}/{key}" for name in info["features"] for key in KEYS}
+    assert {name for name in table[0] if name.startswith("stats/")} == names
     columns = {**rows, "observation.image": pictures / 255}
     assert list(statistics) == [*list(rows), "observation.image"]
     for name, found in statistics.items():
@@ -90,5 +116,19 @@ def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(small_dataset: Run, 
             expected = getattr(columns[name].astype(float), key)(axis=axes)
             assert np.allclose(np.ravel(found[key]), expected, atol=1e-6), (name, key)
         assert found["count"] == [len(frames)]
+        assert list(found) == KEYS
+        for row in table:
+            own = columns[name][row["dataset_from_index"] : row["dataset_to_index"]].astype(float)
+            assert row[f"stats/{name}/count"] == [len(own)]
+            for key, share in QUANTILES.items():
+                quantile = np.quantile(own, share, axes, method="inverted_cdf")
+                assert np.allclose(np.ravel(row[f"stats/{name}/{key}"]), quantile), (name, key)
+            for key in ("min", "max", "mean", "std"):
+                expected = getattr(own, key)(axis=axes)
+                assert np.allclose(np.ravel(row[f"stats/{name}/{key}"]), expected, atol=1e-6)
+        for key in QUANTILES:
+            of_episodes = np.array([np.ravel(row[f"stats/{name}/{key}"]) for row in table])
+            weights = [row["length"] for row in table]
+            assert np.allclose(np.ravel(found[key]), np.average(of_episodes, 0, weights))
     assert np.shape(statistics["observation.image"]["mean"]) == (3, 1, 1)
     assert info["features"]["observation.image"]["shape"] == [SIZE, SIZE, 3]

@@ -1,4 +1,4 @@
-"""Datasets that grow: a longer one keeps the shards that a shorter one has filled."""
+"""Datasets that grow: a larger one keeps the shards that a smaller one has filled."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 from interrupting import CrashError, before_each_shard
+from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -20,6 +21,7 @@ Build = Callable[..., Run]
 
 OF_FOUR: dict[str, Any] = {"size": "4", "random_steps": 20, "cells_per_shard": 16 * 4}
 """Four labyrinths in a shard."""
+LONGER: dict[str, Any] = OF_FOUR | {"labyrinths": 17, "grow": True}
 CHUNKS = {"cells_per_chunk": (16 * 20, 16 * 8)}
 
 
@@ -38,14 +40,67 @@ def test_a_longer_dataset_keeps_the_shards_that_were_full(
     build: Build, tmp_path: Path, short: Path, long: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     data_dir = Path(shutil.copytree(short, tmp_path / "data"))
-    build(data_dir, **OF_FOUR, labyrinths=17)
+    build(data_dir, **LONGER)
     printed = " ".join(capsys.readouterr().out.split())
-    assert "4x4 grows from 10 to 17 labyrinths: 12 of 30 shards stay." in printed
+    assert "4x4 grows: 12 of 30 shards stay." in printed
     assert content_of(data_dir) == content_of(long)
     before, after = (
         {shard.sha256 for shard in Manifest.read(each / "4x4").shards} for each in (short, long)
     )
     assert len(before & after) == 12
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_a_dataset_whose_folder_cannot_be_renamed_grows_and_is_replaced(
+    build: Build, tmp_path: Path, short: Path, long: Path, error: int
+) -> None:
+    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
+    with no_folder_is_renamed(error):
+        build(data_dir, **LONGER)
+        assert content_of(data_dir) == content_of(long)
+        build(data_dir, **OF_FOUR, labyrinths=10, overwrite=True)
+    assert content_of(data_dir) == content_of(short)
+
+
+@pytest.mark.parametrize(
+    "shifts", [("recoloured",), ("g", "test_g", "kruskal"), ("open", "test_new_routes")], ids=str
+)
+def test_a_dataset_gets_shifts_and_keeps_all_its_shards(
+    build: Build,
+    tmp_path: Path,
+    short: Path,
+    shifts: tuple[str, ...],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    new = build(tmp_path / "new", **OF_FOUR, labyrinths=10, shifts=shifts)
+    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
+    build(data_dir, **OF_FOUR, labyrinths=10, shifts=shifts, grow=True)
+    assert "4x4 grows: 18 of " in " ".join(capsys.readouterr().out.split())
+    assert content_of(data_dir / "4x4") == content_of(new.folder)
+
+
+@pytest.mark.parametrize("options", [{"labyrinths": 11}, {"labyrinths": 10, "shifts": ("g",)}])
+def test_a_finished_dataset_grows_only_where_that_is_asked_for(
+    build: Build, tmp_path: Path, short: Path, options: dict[str, Any]
+) -> None:
+    there = content_of(short)
+    fingerprint = Manifest.read(short / "4x4").fingerprint
+    folders = {"run_dir": str(tmp_path / "runs"), "results_dir": str(tmp_path / "results")}
+    for given in ({}, {"part": "1/2"}):
+        with pytest.raises(DatasetError, match=r"grow=true .*; runs and results of the dataset"):
+            build(short, **OF_FOUR, **options, **folders, **given)
+    for name, of in {
+        "runs/4x4/bc-seed0/run.json": fingerprint,
+        "runs/4x4/bc-seed1/run.json": "0" * 64,
+        "results/submissions/4x4/mine.json": fingerprint,
+    }.items():
+        path = tmp_path / name
+        path.parent.mkdir(parents=True)
+        path.write_text(f'{{"fingerprint": "{of}"}}')
+    words = r"submissions/4x4/mine.json, \S*bc-seed0/run.json of the dataset as it is would"
+    with pytest.raises(DatasetError, match=words):
+        build(short, **OF_FOUR, **options, **folders)
+    assert content_of(short) == there
 
 
 @pytest.mark.slow
@@ -63,7 +118,7 @@ def test_datasets_of_every_kind_grow_to_the_bytes_that_a_new_one_has(
     build: Build, tmp_path: Path, options: dict[str, Any]
 ) -> None:
     for labyrinths in (6, 10, 16):
-        grown = build(tmp_path / "grown", **OF_FOUR | options, labyrinths=labyrinths)
+        grown = build(tmp_path / "grown", **OF_FOUR | options, labyrinths=labyrinths, grow=True)
     new = build(tmp_path / "new", **OF_FOUR | options, labyrinths=16)
     assert content_of(grown.data_dir) == content_of(new.data_dir)
 
@@ -85,7 +140,7 @@ def test_a_shard_that_cannot_be_kept_is_made(
 ) -> None:
     data_dir = Path(shutil.copytree(short, tmp_path / "data"))
     happens(data_dir / "4x4")
-    build(data_dir, **OF_FOUR, labyrinths=17)
+    build(data_dir, **LONGER)
     assert content_of(data_dir) == content_of(long)
 
 
@@ -101,11 +156,11 @@ def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
             raise CrashError
 
     with before_each_shard(stop), pytest.raises(CrashError):
-        build(data_dir, **OF_FOUR, labyrinths=17)
+        build(data_dir, **LONGER)
     assert content_of(data_dir / "4x4") == content_of(short / "4x4")
     for part in ("2/2", "1/2"):
-        build(data_dir, **OF_FOUR, labyrinths=17, part=part)
-    build(data_dir, **OF_FOUR, labyrinths=17)
+        build(data_dir, **LONGER, part=part)
+    build(data_dir, **LONGER)
     assert content_of(data_dir) == content_of(long)
 
 
@@ -114,10 +169,15 @@ def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
     ("before", "options", "words"),
     [
         ({}, {"labyrinths": 9}, "labyrinths=10, not labyrinths=9: choose"),
+        (
+            {"shifts": ("g",)},
+            {"shifts": ("kruskal",)},
+            r"shifts=\[g\], not shifts=\[kruskal\]: choose",
+        ),
         ({}, {"labyrinths": 11, "seed": 1}, "labyrinths=10, not labyrinths=11; seed=0, not"),
         # Validation and test depend on all of train then.
-        ({"splits": SplitsConfig(6)}, {"labyrinths": 60}, "not all of which are in a longer one"),
-        ({"shifts": ("open",)}, {"labyrinths": 60}, "not all of which are in a longer one"),
+        ({"splits": SplitsConfig(6)}, {"labyrinths": 60}, "labyrinths that are not in"),
+        ({"shifts": ("open",)}, {"labyrinths": 60}, "labyrinths that are not in"),
     ],
 )
 def test_what_would_lose_labyrinths_is_refused(
@@ -126,6 +186,6 @@ def test_what_would_lose_labyrinths_is_refused(
     folder = build(tmp_path, **OF_FOUR | {"labyrinths": 10} | before).folder
     there = content_of(folder)
     with pytest.raises(DatasetError, match=words):
-        build(tmp_path, **OF_FOUR | before | options)
+        build(tmp_path, **OF_FOUR | before | options, grow=True)
     assert content_of(folder) == there
     assert Manifest.read(build(tmp_path, **OF_FOUR | before | options, overwrite=True).folder)

@@ -68,13 +68,13 @@ def test_a_build_makes_damaged_shards_anew_and_no_others(
     assert f"{folder} is complete already." in " ".join(capsys.readouterr().out.split())
 
 
-def test_a_shard_that_was_not_written_since_the_manifest_is_not_hashed(
+def test_a_shard_that_was_changed_and_has_an_old_time_is_made_anew(
     build: Build, folder: Path
 ) -> None:
+    before = content_of(folder)
     change(folder / TRAIN)
     for path in folder.iterdir():
         os.utime(path, (1, 2 if path.name == MANIFEST else 1))
-    before = content_of(folder)
     build(folder.parent)
     assert content_of(folder) == before
 
@@ -104,7 +104,7 @@ def test_a_shard_that_this_version_would_not_make_is_named(build: Build, folder:
 OTHERS = (
     *("notes.txt", "train.parquet", "my-00001-of-2.parquet", "figures/"),
     *("data-00000-of-00009.parquet", "train-00000-of-00009.parquet", f"{TEST}/", ".x.tmp"),
-    *("labyrinths.parquet/", "analysis.json", "counts.json", ".manifest.json.0123456789ab.tmp"),
+    *("labyrinths.parquet/", "analysis.json", ".manifest.json.0123456789ab.tmp"),
 )
 
 
@@ -121,6 +121,16 @@ def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
     assert "\n" not in str(caught.value)
     assert content_of(folder.parent) == before
     assert (folder / name).exists()
+
+
+@pytest.mark.parametrize("litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt"])
+def test_litter_stops_no_build(build: Build, tmp_path: Path, litter: str) -> None:
+    for number, place in enumerate(("3x3", ".3x3.building", "3x3")):
+        (tmp_path / place / litter).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / place / litter).write_text("left by a system")
+        folder = build(tmp_path, seed=number, overwrite=number > 0).folder
+        assert Manifest.read(folder).config.seed == number
+        assert not (folder / litter).exists()
 
 
 @pytest.mark.parametrize(

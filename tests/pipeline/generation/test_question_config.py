@@ -121,7 +121,7 @@ def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, b
     assert {task["id"] for task in benchmark["tasks"]} == {
         f"{NAME}-questions{form}-{split}" for form in ("", "-pictures") for split in SPLITS
     }
-    build(copied.data_dir, labyrinths=5, **OPTIONS)
+    build(copied.data_dir, labyrinths=5, grow=True, **OPTIONS)
     assert f"{NAME}-questions" not in readme.read_text().split("---\n")[1]
     grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
     questions.run(grown)
@@ -132,11 +132,19 @@ def test_nothing_of_a_user_is_lost_and_a_hidden_labyrinth_is_not_asked_about(
     copied, build, tmp_path
 ):
     folder = copied.data_dir / f"{NAME}-questions"
-    (folder / "mine.txt").write_text("mine")
+    for name in ("mine.txt", ".DS_Store"):
+        (folder / name).write_text("mine")
     before = content_of(folder)
+    questions.run(copied)  # Nothing is to be replaced.
+    assert content_of(folder) == before
+    (folder / TEST).unlink()
+    del before[TEST]
     with pytest.raises(DatasetError, match=r"holds mine\.txt, which would be lost"):
         questions.run(copied)
     assert content_of(folder) == before
+    (folder / "mine.txt").unlink()
+    questions.run(copied)
+    assert (folder / TEST).is_file()
     hidden = build(tmp_path / "hidden", labyrinths=2, task="partial_observability")
     with pytest.raises(DatasetError, match="the agent does not see it"):
         questions.run(hidden)

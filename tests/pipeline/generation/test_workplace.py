@@ -139,11 +139,11 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
         fsync(descriptor)
         synced.add(os.fstat(descriptor).st_ino)
 
-    def check(shards: Path, folder: Path) -> None:
+    def check(shards: Path, folder: Path, mark: str) -> None:
         files = [shards, *shards.iterdir()]
         assert len(files) == 1 + 6 + 1 + 1
         assert {path.stat().st_ino for path in files} <= synced
-        move(shards, folder)
+        move(shards, folder, mark)
 
     monkeypatch.setattr(os, "fsync", note)
     monkeypatch.setattr(workplace, "move_into_place", check)

@@ -15,13 +15,12 @@ import pytest
 from wall_grids import GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, COUNTS, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.analysis import LeakageOptions
 from pipeline.inspection import analyse
-from pipeline.inspection.statistics import read_counts
 
 
 def infos(folder, split):
@@ -68,10 +67,9 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
 @pytest.mark.slow
 def test_workers_and_another_run_change_no_byte(analysed, make_run):
     run_on(make_run, analysed.parent)
-    before = [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)]
+    before = (analysed / ANALYSIS).read_bytes()
     run_on(make_run, analysed.parent, workers=2)
-    assert [(analysed / name).read_bytes() for name in (ANALYSIS, COUNTS)] == before
-    assert read_counts(analysed, Manifest.read(analysed)) is not None
+    assert (analysed / ANALYSIS).read_bytes() == before
 
 
 def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):
@@ -152,27 +150,32 @@ def test_the_configs_of_a_source_are_certified_side_by_side(files, make_run, tmp
     assert [path.name for path in data_dir.iterdir()] == ["analysis"]
 
 
-def test_arrays_of_one_file_are_certified_by_their_names(make_run, tmp_path, capsys):
-    path = tmp_path / "grids.npz"
-    np.savez(path, train=np.stack([GRID, GRID]), test=np.stack([GRID, changed(3, 2, 0)]))
+def grids(folder, **arrays):
+    folder.mkdir()
+    for split, array in arrays.items():
+        np.save(folder / split, array)
+    return folder
+
+
+def test_arrays_are_certified_by_the_names_of_their_files(make_run, tmp_path, capsys):
+    tests = np.stack([GRID, changed(3, 2, 0)])
+    path = grids(tmp_path / "grids", train=np.stack([GRID, GRID]), test=tests)
     content, pairs = certified(make_run, path, tmp_path)
     assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
     assert not content["structures_alone"]
     pair = pairs["train", "test"]
     assert pair["equal"] == {labyrinth_id(LABYRINTH): labyrinth_id(LABYRINTH)}
     assert pair["within"]["1"] == 2
-    assert content["files"]["train"] == {labyrinth_id(LABYRINTH): f"{path}: train.npy[0]"}
+    assert content["files"]["train"] == {labyrinth_id(LABYRINTH): f"{path}/train.npy[0]"}
     lines = capsys.readouterr().out.splitlines()
-    assert f"{path}: test.npy[0] has the structure of {path}: train.npy[0]" in lines
+    assert f"{path}/test.npy[0] has the structure of {path}/train.npy[0]" in lines
     assert "train repeats 1 structure" in lines
 
 
 def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path, capsys):
     bare = np.where(GRID > 1, 0, GRID)
-    folder = tmp_path / "grids"
-    folder.mkdir()
-    np.save(folder / "train.npy", np.stack([bare, bare]))
-    np.save(folder / "test.npy", np.stack([bare[:, ::-1], GRID]))
+    tests = np.stack([bare[:, ::-1], GRID])
+    folder = grids(tmp_path / "grids", train=np.stack([bare, bare]), test=tests)
     content, pairs = certified(make_run, folder, tmp_path)
     assert content["structures_alone"]
     assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
@@ -187,10 +190,9 @@ def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path
 
 
 def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_path, capsys):
-    path = tmp_path / "grids.npz"
-    gap = changed(0, 1, 0)
-    np.savez(path, train=np.stack([GRID] + [gap] * 11), test=GRID)
-    first = f"{path}: train.npy[1]: row 0, column 1: a gap in the outer wall"
+    trains = np.stack([GRID] + [changed(0, 1, 0)] * 11)
+    path = grids(tmp_path / "grids", train=trains, test=GRID)
+    first = f"{path}/train.npy[1]: row 0, column 1: a gap in the outer wall"
     with pytest.raises(DatasetError, match=r"^11 labyrinths or files could not be read") as caught:
         certified(make_run, path, tmp_path)
     assert str(caught.value).endswith(f"; the first: {first}")
@@ -236,8 +238,8 @@ def parquet_of(texts):
     ("name", "content", "message"),
     [
         ("a.npy", b"no array", "a.npy: no array that can be read"),
-        ("a.zip", b"PK\5\6" + bytes(18), "a.zip holds no labyrinth"),
-        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .npy, .npz,"),
+        ("a.zip", b"PK\5\6" + bytes(18), "a.zip: unpack this archive, and give the folder"),
+        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .npy"),
         ("folder", parquet_of(["no labyrinth"]), "train info: no labyrinth: "),
         ("folder", parquet_of([1]), "every row needs a text"),
         ("nobody/nothing", None, "nobody/nothing is no folder"),

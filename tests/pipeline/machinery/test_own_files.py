@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
+from pipeline.machinery.own_files import HASHES, OwnFiles, is_litter, write_list
 
 
 def left(folder: Path, **files: bytes) -> OwnFiles:
@@ -58,3 +58,19 @@ def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: st
     (tmp_path / HASHES).write_text(text, encoding="latin-1")
     with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is somebody else's: move it.*\Z"):
         OwnFiles.read(tmp_path, always="page")
+
+
+@pytest.mark.parametrize(
+    ("path", "litter"),
+    [
+        *((".DS_Store", True), ("Thumbs.db", True), ("desktop.ini", True), ("._page", True)),
+        *((".ipynb_checkpoints/notes.txt", True), ("meta/.nfs000000000012ab", True)),
+        *(("cache-0123456789abcdef.arrow", True), ("data/cache-1_00000_of_00002.arrow", True)),
+        *((".hidden", False), ("cache.arrow", False), ("cache-notes.txt", False)),
+        *(("notes.DS_Store", False), ("Thumbs.db.txt", False), ("desktop/notes.txt", False)),
+    ],
+)
+def test_what_systems_and_readers_leave_is_told_from_files_of_a_person(
+    path: str, litter: bool
+) -> None:
+    assert is_litter(path) == litter

@@ -19,13 +19,7 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 from composing import composed
-from huggingface_hub import (
-    DatasetCard,
-    DatasetCardData,
-    EvalResultEntry,
-    eval_result_entries_to_yaml,
-    parse_eval_result_entries,
-)
+from huggingface_hub import DatasetCard, DatasetCardData
 from making import make, make_both
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
@@ -48,12 +42,12 @@ from pipeline.release.figures import FIGURES
 from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import Release
-from pipeline.release.side_files import changelog, evaluation_task
+from pipeline.release.side_files import changelog
 
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
-TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json", "eval.yaml")
+TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
 
 
 def text(folder: Path) -> str:
@@ -344,7 +338,6 @@ def test_text_without_marks_is_a_persons_and_follows_the_generated_part(folder):
 FOREIGN = (
     "CITATION.cff",
     "croissant.json",
-    "eval.yaml",
     "CHANGELOG.md",
     "pictures/labyrinth.png",
     f"pictures/{DEFAULT}-visits.png",
@@ -371,23 +364,16 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     assert not {*FOREIGN} & {*files_of(DATASET, folder)}
 
 
-def test_the_benchmark_has_a_task_for_each_split_but_random_that_results_can_refer_to(carded):
-    values = yaml.safe_load((carded / "eval.yaml").read_text(encoding="utf-8"))
-    assert values["name"] == front(carded)["pretty_name"]
-    assert "SR" in values["description"]
-    there = {
-        (config["config_name"], files["split"])
-        for config in front(carded)["configs"]
-        for files in config["data_files"]
-        if config["config_name"] in (DEFAULT, OTHER) and files["split"] != "random"
-    }
-    tasks = {task["id"]: (task["config"], task["split"]) for task in values["tasks"]}
-    assert len(tasks) == len(values["tasks"])
-    assert set(tasks.values()) == there
-    assert tasks["3x3-test"] == ("3x3", "test")
-    entries = [EvalResultEntry("user/labyrinth", evaluation_task(*key), 48.0) for key in there]
-    parsed = parse_eval_result_entries(eval_result_entries_to_yaml(entries))
-    assert {entry.task_id for entry in parsed} == set(tasks)
+def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_alone(folder):
+    path = folder / "eval.yaml"
+    for content, is_ours in ((b"ours", True), (b"mine", False)):
+        path.write_bytes(content)
+        if is_ours:
+            with (folder / HASHES).open("a", encoding="utf-8") as file:
+                file.write(f"{hashlib.sha256(content).hexdigest()}  eval.yaml\n")
+        card.write_card(folder)
+        assert path.exists() == (not is_ours)
+        assert "eval.yaml" not in (folder / HASHES).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(
@@ -423,7 +409,6 @@ def refused(folder: Path, message: str) -> None:
             "is not the README of a dataset: choose another",
         ),
         ("SHA256SUMS", f"{'0' * 64}  thesis.txt\n", "SHA256SUMS is somebody else's: move it away"),
-        ("CHANGELOG.md", "\xff\xfe", "CHANGELOG.md is not UTF-8 text"),
         (
             f"{OTHER}/test-00000-of-00001.parquet",
             "damaged",
@@ -535,14 +520,3 @@ def test_a_version_takes_the_place_of_unreleased_and_older_entries_stay(carded):
     assert longer.endswith(released[released.index("## 1.0.0") :])
     second = changelog(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
     assert re.findall(r"^## (.*)$", second, re.MULTILINE) == ["1.1.0", "1.0.0"]
-
-
-def test_what_a_person_adds_to_the_changelog_is_kept(carded):
-    content = changelog("", manifests(carded, DEFAULT), None) + "- Thanks to everybody.\n"
-    content = content.replace("# Changelog", "# What changed") + "\n## 0.1\n\nOld.\n"
-    for version in (None, "1.0.0"):
-        content = changelog(content, manifests(carded, DEFAULT, OTHER), version)
-        assert content.startswith("# What changed")
-        assert content.count("- Thanks to everybody.") == 1
-        assert content.endswith("\n## 0.1\n\nOld.\n")
-        assert content.count("- `3x3`") == 1

@@ -8,11 +8,9 @@ import shutil
 import subprocess
 from pathlib import Path
 
-import pyarrow.parquet as pq
 import pytest
 import yaml
 from hub.local_hub import LocalHub
-from making import make
 from publishing import (
     REPO,
     ROOT,
@@ -159,40 +157,6 @@ def test_a_release_that_adds_a_config_sends_it_alone_and_leaves_the_first_as_it_
     assert re.findall(r"^## (.*)$", changelog, re.MULTILINE) == ["1.1.0", "1.0.0"]
 
 
-def labyrinths(folder: Path) -> set[str]:
-    """Return config, split and id of each labyrinth of a dataset, as CSV has them."""
-    table = pq.read_table(folder / "labyrinths.parquet").to_pylist()
-    return {f"{folder.name},{row['split']},{row['labyrinth_id']}" for row in table}
-
-
-def test_the_changelog_counts_labyrinths_that_came_and_went_and_a_file_has_their_ids(
-    released_hub: LocalHub, released: Path, with_one_more: Path
-) -> None:
-    assert "changes.csv" not in held(released_hub)
-    before, added = labyrinths(released / "2x3"), "3x3-icy_floor"
-    shutil.copytree(with_one_more / added, released / added)
-    shutil.rmtree(released / "2x3")
-    make(released, "2x3", labyrinths=3, random_steps=5, seed=5)
-    published(released_hub, released, "1.1.0")
-    after, new = labyrinths(released / "2x3"), labyrinths(released / added)
-    came, went = len(after - before), len(before - after)
-    assert came > 0
-    assert went > 0
-    lines = released_hub.content(REPO, "CHANGELOG.md").decode().splitlines()
-    assert [line for line in lines if "since 1.0.0" in line] == [
-        f"- `2x3`: since 1.0.0 {came} labyrinths came and {went} went (changes.csv)",
-        f"- `{added}`: since 1.0.0 {len(new)} labyrinths came and 0 went (changes.csv)",
-    ]
-    head, *rows = released_hub.content(REPO, "changes.csv").decode().splitlines()
-    assert head == "config,split,labyrinth_id,change"
-    assert {row for row in rows if row.endswith(",came")} == {
-        f"{each},came" for each in (after - before) | new
-    }
-    assert {row for row in rows if row.endswith(",went")} == {
-        f"{each},went" for each in before - after
-    }
-
-
 def test_a_version_is_published_once(
     released_hub: LocalHub, released: Path, other_shard: Path
 ) -> None:
@@ -248,7 +212,7 @@ def test_a_dry_run_without_token_or_network_lists_what_a_new_repository_would_ge
     first = f"could not look at the Hub .*{why}.* scripts/local_hub starts a Hub on this machine"
     assert re.match(first, lines[0])
     assert "  add    2x3/test-00000-of-00001.parquet" in lines
-    whole = [line for line in lines if "(to be created, private), branch main: " in line]
+    whole = [line for line in lines if "(to be created, private): " in line]
     assert [line.split()[0] for line in whole] == [REPO, "user/env"]
     assert len(local_hub.log) == 0
 
@@ -273,10 +237,10 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
 
     lines = dry(local_hub, releasable)
     assert not local_hub.has(REPO)
-    new = f"{REPO} (to be created, public), branch main"
-    assert lines[-1].startswith(f"{new}: 20 files to add (0.3")
+    new = f"{REPO} (to be created, public)"
+    assert lines[-1].startswith(f"{new}: 19 files to add (0.3")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
-    assert len(plan(lines, "add")) == 20
+    assert len(plan(lines, "add")) == 19
 
     names = ("notes.txt", "3x3/data-00000-of-00009.parquet")
     theirs = [released_hub.commit(REPO, path, b"mine") for path in names]
@@ -334,54 +298,19 @@ def test_files_of_a_person_are_not_published_and_are_named(
     assert all((releasable / name).read_bytes() == b"mine" for name in theirs)
 
 
-def test_a_private_release_joins_its_collection_once(local_hub: LocalHub, releasable: Path) -> None:
-    for _ in range(2):  # Also where nothing else was left to be done.
-        options = ("publish.private=true", 'publish.collection="Mazes & labyrinths"')
-        printed = published(local_hub, releasable, "1.0.0", *options)
-        assert f"{REPO} is in the collection Mazes & labyrinths." in printed
-        (collection,) = local_hub.collections.values()
-        assert collection["title"] == "Mazes & labyrinths"
-        assert collection["private"] is True
-        assert [item["id"] for item in collection["items"]] == [REPO]
+def test_a_private_release_is_private(local_hub: LocalHub, releasable: Path) -> None:
+    published(local_hub, releasable, "1.0.0", "publish.private=true")
     assert local_hub.is_private(REPO)
 
 
-def test_a_pull_request_is_made_once_and_tagged_once_it_is_merged(
-    local_hub: LocalHub, releasable: Path
-) -> None:
-    theirs = "stranger/labyrinth"
-    for repo, runs in ((theirs, 1), (REPO, 2)):
-        local_hub.create_repo(repo)
-        if repo == REPO:  # It is found then, by this run and by the next.
-            local_hub.faults.lose_response("POST", "/commit/")
-        for _ in range(runs):
-            printed = published(local_hub, releasable, "1.0.0", "publish.create_pr=true", repo=repo)
-            assert "a pull request is not tagged" in printed
-            url = f"{local_hub.url}/datasets/{repo}/discussions/1"
-            assert f"pull request: {url}; publish again, to tag, once it is merged." in printed
-        assert local_hub.refs(repo).keys() == {"refs/heads/main", "refs/pr/1"}
-        assert held(local_hub, repo=repo) == {}
-        assert held(local_hub, "refs/pr/1", repo) == built(releasable)
-    proposed = local_hub.refs(REPO)["refs/pr/1"]
-    assert local_hub.merge(REPO, 1) == proposed
-    assert "tagged 1.0.0" in published(local_hub, releasable, "1.0.0", "publish.create_pr=true")
-    assert local_hub.refs(REPO)["refs/tags/1.0.0"] == proposed
-    assert local_hub.refs(theirs).keys() == {"refs/heads/main", "refs/pr/1"}
-
-
-def test_main_does_not_go_back_to_an_earlier_version_but_another_branch_may(
+def test_main_does_not_go_back_to_an_earlier_version(
     released_hub: LocalHub, released: Path
 ) -> None:
     released_hub.tag(REPO, "1.10.0")
-    before, asked = held(released_hub), len(released_hub.log)
+    asked = len(released_hub.log)
     error = error_of(publish(released_hub, released, "1.9.0"))
     assert f"publish.version=1.9.0: {REPO} has 1.10.0, and main does not go back" in error
     assert not changes(released_hub, since=asked)
-    published(released_hub, released, "1.9.0", "publish.branch=maintained")
-    refs = released_hub.refs(REPO)
-    assert refs["refs/tags/1.9.0"] == refs["refs/heads/maintained"] != refs["refs/heads/main"]
-    assert held(released_hub) == before
-    assert held(released_hub, "1.9.0") == built(released)
 
 
 def test_what_cannot_be_published_is_told_in_one_line(

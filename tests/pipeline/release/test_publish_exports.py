@@ -114,7 +114,7 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
     assert refs["refs/tags/v3.0"] == refs["refs/tags/1.1.0"] == refs["refs/heads/main"]
     assert len(local_hub.history(LEROBOT)) == 3
     card = local_hub.content(REPO, "README.md").decode()
-    assert f"{LEROBOT}), [{GROUP}](" in card
+    assert f"[{LEROBOT}](https://huggingface.co/datasets/{LEROBOT})." in card
 
     foreign = publish(
         local_hub, releasable, "1.1.0", *train[1:], f"publish.export={GROUP}", repo=""

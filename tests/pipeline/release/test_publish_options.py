@@ -25,9 +25,7 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         (WHERE | {"repo_id": "user/a/b"}, {}, "publish.repo_id=user/a/b: give the id"),
         (WHERE | {"version": ""}, {}, "publish.version=: give three numbers, such as 1.0.0"),
         (WHERE | {"version": "v1"}, {}, "publish.version=v1: give three numbers"),
-        (WHERE | {"branch": "a..b"}, {}, "publish.branch=a..b: give the name of a branch"),
         (MODEL | {"model": "planner"}, {}, "publish.model=planner: give the id of a model on the"),
-        (WHERE | {"space": "a/b/c"}, {}, "publish.space=a/b/c: give the id of a Space on the Hub"),
         (MODEL, {}, "dataset=: give the id on the Hub of the dataset that what is published is of"),
         *(
             (
@@ -36,17 +34,12 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
                 f"dataset={id_}: give the id on",
             )
             for name, id_ in (
-                ("space", "/data/labyrinth"),
+                ("env", "/data/labyrinth"),
                 ("env", "user"),
                 ("env", "user/a'b"),  # In env.py the id is code.
                 ("env", 'user/a"+exit()+"'),
                 ("env", "user/a\nimport os"),
             )
-        ),
-        (
-            MODEL,
-            {"dataset": REPO, "method": {"name": "vin"}},
-            "publish.model=user/planner-3x3: policies of method=vin are not published, since",
         ),
         (EXPORT, {}, "export.format=: choose one of "),
         (

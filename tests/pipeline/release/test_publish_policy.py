@@ -1,4 +1,4 @@
-"""A policy and a report on the Hub: what is sent, what comes back, and what is refused."""
+"""A policy on the Hub: what is sent, what comes back, and what is refused."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 from hub.local_hub import LocalHub
-from huggingface_hub import EvalResultEntry, parse_eval_result_entries
+from huggingface_hub import ModelCard
 from publishing import (
     REPO,
-    built,
     changes,
     environment,
     error_of,
@@ -36,26 +34,23 @@ from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.release.derived import stage_report
 from pipeline.release.model import stage_policy
-from pipeline.report.report import write_report
 from pipeline.training import train
 
 pytestmark = pytest.mark.slow
 
-MODEL, SPACE = "user/planner-3x3", "user/labyrinth-report"
+MODEL = "user/planner-3x3"
 
 FOUR_WAYS = """
 import json, sys
 import torch
-from huggingface_hub import HfApi
 from policies import Remembering
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.evaluation.description import Description
 from pipeline.evaluation.named import named_policy
 
 torch.set_num_threads(1)
-blocks, data_dir, model, space = json.loads(sys.argv[1]), *sys.argv[2:]
+blocks, data_dir, model = json.loads(sys.argv[1]), *sys.argv[2:]
 for block in blocks:
     exec(compile(block, "README.md", "exec"), names := {})
 loaded = load_policy(model, revision="1.0.0")
@@ -69,15 +64,12 @@ asked = {
 some = ["test", "s0_and_g"]
 figures = {name: evaluate(each, data_dir, "3x3", splits=some) for name, each in asked.items()}
 figures["card"] = names["results"]
-api = HfApi()
 print(json.dumps({
     "ways": {name: found.way for name, found in figures.items()},
     "splits": {
         name: {split: found.to_json(Description("x"))["splits"][split] for split in some}
         for name, found in figures.items()
     },
-    "files": api.list_repo_files(space, repo_type="space"),
-    "sdk": api.space_info(space).sdk,
 }))
 """
 """The same policy in four ways, by the card's own program, and by the name of the stage."""
@@ -88,21 +80,18 @@ def of_run(run: Run) -> tuple[str, ...]:
     return ("size=3", "method=planner", f"run_dir={run.options.run_dir}")
 
 
-def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_to_each_other(
+def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refers_to_it(
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
     data_dir = Path(shutil.copytree(trained.source, tmp_path / "labyrinth"))
-    write_report(data_dir, Path(trained.options.run_dir))
-    options = (*of_run(trained), f"publish.model={MODEL}", f"publish.space={SPACE}")
+    options = (*of_run(trained), f"publish.model={MODEL}")
     printed = published(local_hub, data_dir, "1.0.0", *options)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
-    assert "5 files are those published, and the policy loads." in printed
+    assert "4 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
-        ".eval_results/labyrinth.yaml",
         *("README.md", "SHA256SUMS", "config.json", "model.safetensors"),
     }
-    assert f"{local_hub.url}/spaces/{SPACE}" in printed
-    for repo, kind in ((REPO, "dataset"), (MODEL, "model"), (SPACE, "space")):
+    for repo, kind in ((REPO, "dataset"), (MODEL, "model")):
         refs = local_hub.refs(repo, kind)
         assert refs["refs/tags/1.0.0"] == refs["refs/heads/main"]
         assert len(local_hub.history(repo, kind=kind)) == 2
@@ -115,37 +104,23 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
     for split, scores in evaluation["splits"].items():
         cells = " | ".join(f"{scores[each]:.1%}" for each in ("spl", "sr_within_cells", "sr"))
         assert re.search(rf"\| `{split}` \|.*\| 6 \| {cells} \|", card)
-    assert yaml.safe_load(card.split("---\n")[1])["datasets"] == [REPO]
+    data = ModelCard(card).data
+    assert (data.datasets, data.model_name, data.license) == ([REPO], "planner-3x3", "mit")
     assert f"`{evaluation['run']['fingerprint']}`" in card
-    entries = yaml.safe_load(text(MODEL, ".eval_results/labyrinth.yaml", "model"))
-    assert parse_eval_result_entries(entries) == [
-        EvalResultEntry(
-            dataset_id=REPO,
-            task_id=f"3x3-{split}",
-            value=round(100 * scores["sr"], 6),
-            dataset_revision=local_hub.refs(REPO)["refs/tags/1.0.0"],
-            source_url=f"https://huggingface.co/{MODEL}",
-            source_name="Model card",
-            notes="success rate in percent, one greedy episode a labyrinth",
-        )
-        for split, scores in evaluation["splits"].items()
+    commit = local_hub.refs(REPO)["refs/tags/1.0.0"]
+    told = [
+        (r.dataset_type, r.dataset_config, r.dataset_split, r.dataset_revision, r.metric_name)
+        for r in data.eval_results
     ]
-    front = yaml.safe_load(text(SPACE, "README.md", "space").split("---\n")[1])
-    assert (front["sdk"], front["app_file"], front["datasets"]) == ("static", "index.html", [REPO])
-    assert f"(https://huggingface.co/spaces/{SPACE})" in text(REPO, "README.md", "dataset")
-    here, there = built(data_dir / "report"), held(local_hub, "1.0.0", SPACE, "space")
-    assert here.pop("SHA256SUMS") != there["SHA256SUMS"]  # There the card is listed, too.
-    assert {path: there[path] for path in here} == here
-    assert there.keys() - here.keys() == {
-        "README.md",
-        "SHA256SUMS",
-        "style.css",
-    }  # The Hub's, left alone.
+    splits = evaluation["splits"]
+    assert told == [(REPO, "3x3", s, commit, metric) for s in splits for metric in ("SPL", "SR")]
+    figures = [round(s[metric], 8) for s in splits.values() for metric in ("spl", "sr")]
+    assert [r.metric_value for r in data.eval_results] == figures
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
     support = str(Path(__file__).parents[2] / "support")
     path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], support])
-    arguments = (json.dumps(blocks), data_dir, MODEL, SPACE)
+    arguments = (json.dumps(blocks), data_dir, MODEL)
     done = run_script(local_hub, FOUR_WAYS, *arguments, PYTHONPATH=path)
     results = json.loads(done.stdout.splitlines()[-1])
     assert len(blocks) == 1
@@ -159,12 +134,10 @@ def test_a_dataset_a_policy_and_a_report_are_released_by_one_command_and_refer_t
         for name in ("sr", "aer", "aer_std", "path_efficiency", "sr_interval"):
             assert first[split][name] == steps[split][name] == scores[name]
         assert first[split]["moves"] == steps[split]["moves"] == [scores["moves"][0]]
-    assert results["sdk"] == "static"
-    assert set(results["files"]) == {*there, ".gitattributes"}
 
     asked = len(local_hub.log)
     printed = published(local_hub, data_dir, "1.0.0", *options)
-    assert printed.count("1.0.0 is published already, at ") == 3
+    assert printed.count("1.0.0 is published already, at ") == 2
     assert changes(local_hub, asked) == []
 
 
@@ -239,7 +212,7 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     assert refused(of_hub(trained), other, staged).startswith(told)
 
 
-def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_dataset(
+def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
     copied: Run, manifest: Manifest, staged: Path
 ) -> None:
     few = of_few(Results.load(copied.training_folder / "results.json"), 5)
@@ -248,11 +221,10 @@ def test_a_split_that_was_evaluated_in_part_is_on_the_card_and_no_task_of_the_da
     few.save(part.training_folder / "results.json", name=part.run_name.name)
     stage_policy(part, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
-    entries = yaml.safe_load((staged / ".eval_results" / "labyrinth.yaml").read_bytes())
     assert "| learnt from | 5 labyrinths of `train`, the first of 6 |" in card
     assert re.search(r"\| `s0` \|.*\| 5 \|", card)
-    tasks = [entry.task_id for entry in parse_eval_result_entries(entries)]
-    assert tasks == ["3x3-validation", "3x3-test"]
+    named = [each.dataset_split for each in ModelCard(card).data.eval_results]
+    assert named == ["validation", "validation", "test", "test"]
 
 
 @pytest.mark.parametrize(
@@ -346,19 +318,3 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     other = replace(copied, options=replace(copied.options, seed=1))
     told = "planner-seed1 holds no policy that was evaluated: 'stages=[train,evaluate]' makes one"
     assert refused(other, manifest, staged).endswith(told)
-
-
-def test_a_report_that_is_not_there_or_was_changed_is_not_published(
-    trained: Run, staged: Path, tmp_path: Path
-) -> None:
-    run = replace(trained, data_dir=tmp_path)
-    with pytest.raises(DatasetError) as caught:
-        stage_report(run, staged)
-    assert str(caught.value) == f"{tmp_path}/report holds no report: run stages=report first"
-    page = tmp_path / "report" / "index.html"
-    page.parent.mkdir()
-    page.write_text("mine", encoding="utf-8")
-    with pytest.raises(DatasetError) as caught:
-        stage_report(run, staged)
-    told = f"{page} is not as stages=report left it: move it away, and run"
-    assert str(caught.value).startswith(told)

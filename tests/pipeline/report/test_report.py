@@ -146,6 +146,27 @@ def test_a_policy_that_no_run_made_is_shown_after_them_with_the_splits_that_it_h
     assert run["splits"]["test"]["spl"] == own["splits"]["test"]["spl"]
 
 
+def test_what_was_submitted_is_shown_once_and_last_and_what_is_refused_is_named(
+    data_dir, tmp_path, capsys
+):
+    folder, runs, results = data_dir / "3x3", tmp_path / "runs", tmp_path / "results"
+    evaluate_own(folder, runs, "Mine")
+    evaluate_own(folder, tmp_path / "theirs", "Theirs", author="A. Nonymous")
+    (results / "submissions").mkdir(parents=True)
+    for name, place in {"copied": runs, "theirs": tmp_path / "theirs"}.items():
+        source = place / "3x3" / "mine" / "results.json"
+        shutil.copyfile(source, results / "submissions" / f"{name}.json")
+    damaged = results / "submissions" / "damaged.json"
+    damaged.write_text("{}")
+    shown = read_results(runs, data_dir, [Manifest.read(folder)], results)
+    assert [(each["name"], each["submitted"]) for each in shown] == [
+        ("Mine", False),
+        ("Theirs", True),
+    ]
+    assert shown[1]["author"] == "A. Nonymous"
+    assert f"left out: {damaged}" in capsys.readouterr().out
+
+
 def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     failed = [evaluate(folder, runs, seed) for seed in (0, 1)]

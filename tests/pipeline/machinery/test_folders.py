@@ -1,0 +1,96 @@
+"""Folders that take the place of others, also where folders cannot be renamed."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable
+from contextlib import nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+from interrupting import CrashError
+from renaming import ERRORS, no_folder_is_renamed
+from tampering import content_of
+
+from pipeline.machinery import folders
+from pipeline.machinery.folders import move_into_place, recover
+
+MARK = "mark"
+
+
+def folder_of(folder: Path, **files: str) -> Path:
+    """Make a folder with a mark, a file in a folder, and a link that leads nowhere."""
+    for name, text in ({MARK: "", "deep/file": ""} | files).items():
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+    (folder / "link").symlink_to("nowhere")
+    return folder
+
+
+@pytest.mark.parametrize("error", ERRORS)
+@pytest.mark.parametrize("there", [True, False])
+def test_what_cannot_be_renamed_is_copied(error: int, there: bool, tmp_path: Path) -> None:
+    made, place = folder_of(tmp_path / "work" / "made", new="1"), tmp_path / "place"
+    if there:
+        folder_of(place, old="0")
+    expected = content_of(made)
+    with no_folder_is_renamed(error):
+        move_into_place(made, place, MARK)
+    assert content_of(place) == expected
+    assert (place / "link").readlink() == Path("nowhere")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["place", "work"]
+    assert not any((tmp_path / "work").iterdir())
+
+
+def test_another_error_is_not_hidden(tmp_path: Path) -> None:
+    made, place = folder_of(tmp_path / "made"), folder_of(tmp_path / "place", old="0")
+    with no_folder_is_renamed(13), pytest.raises(PermissionError):
+        move_into_place(made, place, MARK)
+    assert (place / "old").exists()
+
+
+class Crash:
+    """Let the process end before one of the changes of files, counted from one."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, change: int) -> None:
+        self.left = change
+        for owner, name in (
+            *((Path, name) for name in ("replace", "unlink", "mkdir")),
+            *((shutil, name) for name in ("rmtree", "copy2")),
+        ):
+            patch.setattr(owner, name, self.before(getattr(owner, name)))
+
+    def before(self, act: Callable[..., Any]) -> Callable[..., Any]:
+        def acting(*given: Any, **options: Any) -> Any:
+            self.left -= 1
+            if self.left <= 0:  # Afterwards nothing is tidied up.
+                raise CrashError
+            return act(*given, **options)
+
+        return acting
+
+
+@pytest.mark.parametrize("error", [0, ERRORS[0]])
+def test_a_crash_at_any_change_leaves_one_folder_or_the_other(error: int, tmp_path: Path) -> None:
+    for change in range(1, 100):
+        folder = tmp_path / str(change)
+        made, place = folder_of(folder / "made", new="1"), folder_of(folder / "place", old="0")
+        new, old = content_of(made), content_of(place)
+        renaming = no_folder_is_renamed(error) if error else nullcontext()
+        with renaming, pytest.MonkeyPatch.context() as patch:
+            crash = Crash(patch, change)
+            try:
+                move_into_place(made, place, MARK)
+            except CrashError:
+                assert not (place / MARK).exists() or content_of(place) in (old, new)
+                patch.undo()
+                recover(place, MARK)
+        assert content_of(place) in (old, new)
+        assert not list(folder.glob(f".*{folders._COMPLETE}"))
+        if crash.left > 0:
+            assert content_of(place) == new
+            assert change > 3
+            return
+    pytest.fail("the move has more changes than were tried")
