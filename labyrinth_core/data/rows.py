@@ -220,8 +220,12 @@ def readable(place: object) -> Iterator[None]:
         # Nothing is wrong with the files. Arrow's own MemoryError is one, too; and where Python
         # itself ends, it closes a stream that was left early when Arrow's names are gone.
         raise
-    except (OSError, ValueError, LookupError, pa.ArrowException) as error:
-        raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
+    except Exception as error:
+        from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
+
+        if isinstance(error, (OSError, ValueError, LookupError, pa.ArrowException, HTTPError)):
+            raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
+        raise
 
 
 def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:

@@ -16,7 +16,6 @@ from huggingface_hub import constants, errors
 from huggingface_hub.errors import HfHubHTTPError, HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.hub import SilentHubError
 
 WAITS = (0.2, 1.0, 3.0)
 """Seconds before each repetition of a call, after a fault of the Hub or of the line."""
@@ -50,16 +49,10 @@ def repeated(
         try:
             return call()
         except faults as error:
-            if silence(error) or not may_pass(error):
+            if not may_pass(error):
                 raise
         time.sleep(seconds)
     return call()
-
-
-def silence(error: Exception) -> SilentHubError | None:
-    """Return the error, or its cause, that says that the Hub was silent for long, twice."""
-    cause = error.__cause__ or error
-    return cause if isinstance(cause, SilentHubError) else None
 
 
 def status_of(error: Exception) -> int | None:
@@ -86,8 +79,6 @@ def explained(repo_id: str) -> Iterator[None]:
 
 
 def _explanation(error: Exception, repo_id: str) -> str:
-    if silent := silence(error):
-        return str(silent)
     if isinstance(error, NO_TOKEN) or (
         isinstance(error, HfHubHTTPError) and error.response.url.path == "/oauth/token"
     ):

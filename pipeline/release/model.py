@@ -181,7 +181,7 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
         if len(scores.distance) == sum(shard.labyrinths for shard in trained.manifest.of(split))
         for name, value in (("SPL", scores.spl), ("SR", scores.sr))
     ]
-    content: dict[str, Any] = ModelCardData(
+    data = ModelCardData(
         license=LICENCE,
         library_name="labyrinth-datasets",
         pipeline_tag="reinforcement-learning",
@@ -189,8 +189,8 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
         tags=["imitation-learning", "generalization", "labyrinth", "arxiv:2509.24784"],
         model_name=trained.run.options.publish.model.rpartition("/")[2],
         eval_results=results,
-    ).to_dict()
-    return content
+    )
+    return dict(data.to_dict())  # type: ignore[no-untyped-call]
 
 
 def _card(trained: Trained) -> str:

@@ -23,7 +23,7 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.hub import announced, limit_silence
+from labyrinth_core.data.hub import limit_silence
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
@@ -46,7 +46,7 @@ def run(run: Run) -> None:
 
     Raises:
         PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
-        DatasetError: The folder has no finished dataset, export, run or report, or a damaged one.
+        DatasetError: The folder has no finished dataset, export or run, or a damaged one.
         ConfigError: The dataset has no split that is to be exported.
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
@@ -54,26 +54,11 @@ def run(run: Run) -> None:
     limit_silence()
     disable_progress_bars()  # One of theirs for each file, instead of ours for all.
     options, api = run.options.publish, HfApi()
-    version, given = f'revision="{options.version}"', options.repo_id or options.export
-    given = given or options.env or options.model
-    with explained(given):
-        unseen = options.dry_run and why_unseen(api, given)
-    if unseen:
-        say(
-            f"could not look at the Hub ({unseen}): this is what a new repository would get; "
-            "scripts/local_hub starts a Hub on this machine, to rehearse on."
-        )
+    unseen = options.dry_run and _is_unseen(api, options)
     remote_of, hub = (UnseenRemote, None) if unseen else (Remote, api)
-    if options.repo_id:
-        with explained(options.repo_id):
-            manifests = front_matter.finished(run.local_dir)
-            if not manifests:
-                reason = "holds no finished dataset: labyrinth-datasets makes one"
-                raise PublishError(f"{run.local_dir} {reason}")
-            remote = remote_of(api, options.repo_id, DATASET)
-            if _release(remote, options, run.local_dir, _carded(run)):
-                config = front_matter.default_config(manifests)
-                say(f'load_dataset("{options.repo_id}", "{config}", {version})')
+    if id_ := options.repo_id:
+        with explained(id_):
+            _dataset(run, remote_of(api, id_, DATASET))
 
     def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
         """Release the files that a function writes into a folder, and say how to load them."""
@@ -91,8 +76,34 @@ def run(run: Run) -> None:
         origin, load = published_dataset(run, hub), f'make_env("{id_}", trust_remote_code=True)'
         release(id_, ENVIRONMENT, lambda folder: stage_environment(run, folder, *origin), load)
     if id_ := options.model:
-        origin, load = published_dataset(run, hub), f'load_policy("{id_}", {version})'
+        load = f'load_policy("{id_}", revision="{options.version}")'
+        origin = published_dataset(run, hub)
         release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
+
+
+def _is_unseen(api: HfApi, options: PublishOptions) -> bool:
+    """Return whether the Hub cannot be looked at, and say so."""
+    given = options.repo_id or options.export or options.env or options.model
+    with explained(given):
+        reason = why_unseen(api, given)
+    if reason:
+        say(
+            f"could not look at the Hub ({reason}): this is what a new repository would get; "
+            "scripts/local_hub starts a Hub on this machine, to rehearse on."
+        )
+    return bool(reason)
+
+
+def _dataset(run: Run, remote: Remote) -> None:
+    """Release all finished datasets of a folder with their card, and say how to load them."""
+    manifests = front_matter.finished(run.local_dir)
+    if not manifests:
+        reason = "holds no finished dataset: labyrinth-datasets makes one"
+        raise PublishError(f"{run.local_dir} {reason}")
+    options = run.options.publish
+    if _release(remote, options, run.local_dir, _carded(run)):
+        config = front_matter.default_config(manifests)
+        say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
 @contextmanager
@@ -243,10 +254,7 @@ def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
 
     def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
         addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
-        with announced(f"the upload of {path}"):
-            remote.api.preupload_lfs_files(
-                remote.repo_id, [addition], repo_type=remote.kind.repo_type
-            )
+        remote.api.preupload_lfs_files(remote.repo_id, [addition], repo_type=remote.kind.repo_type)
         return plan.files[path].stat().st_size, addition
 
     # One by one, so that a run that was stopped does not send a file again.

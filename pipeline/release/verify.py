@@ -42,8 +42,7 @@ CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)"
 PATIENCE = 180.0
 """Seconds after which a verification ends that gets no byte and names no other file or split.
 
-Each call of the clients ends earlier (`data.hub`), but they repeat for many minutes what fails,
-such as connections that are refused.
+The clients repeat for many minutes what fails, such as calls without an answer.
 """
 REFRESH = 0.5
 """Seconds between two looks at what has come."""

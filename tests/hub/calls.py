@@ -125,6 +125,21 @@ def create_repo(hub: LocalHub, request: Request) -> Answer:
     return as_json({"url": url, "name": name})
 
 
+@route("GET", "/api/datasets")
+def list_datasets(hub: LocalHub, request: Request) -> Answer:
+    """List the datasets of an author whose names contain a text, with what is asked for."""
+    author, texts = request.query["author"][0], request.query.get("search", [])
+    found = []
+    for (kind, name), repository in hub.repositories.items():
+        owner, _, label = name.partition("/")
+        owns = request.account is not None and request.account.owns(name)
+        if kind != "dataset" or owner != author or (repository.private and not owns):
+            continue
+        if all(text in label for text in texts):
+            found.append(_info(hub, repository, "main"))
+    return as_json(found)
+
+
 @route("GET", f"{REPO}(?:/revision/{REVISION})?")
 def repo_info(hub: LocalHub, request: Request, kind: str, name: str, revision: str) -> Answer:
     info = _info(hub, _visible(hub, request, kind, name), revision or "main")
