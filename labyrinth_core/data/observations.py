@@ -120,22 +120,14 @@ class ObservationSpec:
         pictures[:] = looks
         return pictures
 
-    def look(
-        self,
-        views: Sequence[tuple[Labyrinth, State]],
-        seen_from: Sequence[frozenset[int]] | None = None,
-    ) -> NDArray[Any]:
-        """Return the observations of states of several labyrinths; pictures are drawn together.
-
-        `seen_from` is for pictures that show more than the agent sees: see `scenes.draw`.
-        """
+    def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
+        """Return the observations of states of several labyrinths; pictures are drawn together."""
         if self.observation == "text":
             return np.array([describe(labyrinth, state) for labyrinth, state in views])
         if self.observation == "vector":
             return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
         wall_pixels, resize = RESIZES[self.resize]
-        size = self.image_size
-        return draw(views, size, wall_pixels=wall_pixels, resize=resize, seen_from=seen_from)
+        return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
     def look_later(
         self, views: Sequence[tuple[Labyrinth, State]], held_bytes: int = HELD_BYTES

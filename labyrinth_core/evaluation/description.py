@@ -100,7 +100,6 @@ class RunName:
     encoder: str
     """The network that looks at an observation; the method's name if it has one of its own."""
     protocol: str
-    memory: bool = False
     train_labyrinths: int | None = None
     """The number of labyrinths learnt from; None for all."""
     seed: int
@@ -109,7 +108,6 @@ class RunName:
     def _others(self) -> list[str]:
         """The choices beside method and encoder that are not the usual ones."""
         parts = [self.protocol] * (self.protocol != "default")
-        parts += ["memory"] * self.memory
         if self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")
         return parts

@@ -13,7 +13,6 @@ from labyrinth_core.data.schema import (
     Maybe,
     Named,
     Number,
-    OneOf,
     Text,
     check_shape,
 )
@@ -101,7 +100,6 @@ RUN = {
     "method": _WORD,
     "encoder": _WORD,
     "protocol": _WORD,
-    "memory": OneOf((True, False)),
     "train_labyrinths": Maybe(_COUNTED),
     "seed": _SEED,
     "settings": Named(_WORD, None),

@@ -45,7 +45,6 @@ def draw(
     *,
     wall_pixels: int | None = None,
     resize: str = "area",
-    seen_from: Sequence[frozenset[int]] | None = None,
 ) -> Pictures:
     """Return the pictures of some states of some labyrinths, shape (N, image_size, image_size, 3).
 
@@ -54,8 +53,6 @@ def draw(
         image_size: Pixels on each side of a picture.
         wall_pixels: The thickness of walls, if it is not that of the labyrinths' looks.
         resize: One of `resize.RESIZES`.
-        seen_from: Under partial observability, the cells whose sights each picture shows together;
-            None for the agent's own.
 
     Raises:
         ValueError: A labyrinth is too large for every wall to have a pixel, or `image_size` is not
@@ -75,13 +72,12 @@ def draw(
     for (height, width, task, look), places in groups.items():
         style = style_for(look, height, width, wall_pixels)
         some = [views[place] for place in places]
-        if image_size == PICTURE_SIZE and seen_from is None:
+        if image_size == PICTURE_SIZE:
             painters = {id(labyrinth): Painter(labyrinth, style) for labyrinth, _ in some}
             for place, (labyrinth, state) in zip(places, some, strict=True):
                 pictures[place] = painters[id(labyrinth)].array(state)
             continue
-        seen = None if seen_from is None else [seen_from[place] for place in places]
-        drawn = _draw_alike((height, width, task), some, seen, image_size, style, resize)
+        drawn = _draw_alike((height, width, task), some, image_size, style, resize)
         if len(groups) == 1:
             return drawn
         pictures[places] = drawn
@@ -91,7 +87,6 @@ def draw(
 def _draw_alike(
     shape: tuple[int, int, Task],
     views: Sequence[tuple[Labyrinth, State]],
-    seen_from: Sequence[frozenset[int]] | None,
     image_size: int,
     style: Style,
     resize: str,
@@ -105,14 +100,11 @@ def _draw_alike(
         if number == len(distinct):
             distinct.append(labyrinth)
         which.append(number)
-    if seen_from is not None:  # Each picture may show something else of its labyrinth.
-        distinct, which = [labyrinth for labyrinth, _ in views], list(range(len(views)))
 
     def visible(which: Numbers, agents: Numbers) -> Mask:
         seen = np.zeros((len(which), shape[0] * shape[1]), np.bool_)
         for row, number, agent in zip(seen, which.tolist(), agents.tolist(), strict=True):
-            for cell in (agent,) if seen_from is None else seen_from[number]:
-                row[list(visible_from(distinct[number].structure, cell))] = True
+            row[list(visible_from(distinct[number].structure, agent))] = True
         return seen.reshape(-1, *shape[:2])
 
     return draw_states(

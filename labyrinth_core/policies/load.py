@@ -48,8 +48,8 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
 
     Raises:
         ValueError: A folder is given with a revision.
-        DatasetError: The policy does not exist, was trained with `memory=true`, one of its files
-            is too large or has other content than it should have, or PyTorch is not installed.
+        DatasetError: The policy does not exist, one of its files is too large or has other content
+            than it should have, or PyTorch is not installed.
     """
     try:
         import safetensors.torch  # noqa: F401
@@ -130,14 +130,9 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
     try:
         check_size(record, RECORD, record.stat().st_size)
         network, run = json.loads(metadata["network"]), read_json(record)["run"]
-        spec = PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
-        remembers = run.get("memory", False)
+        return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
     except _UNREADABLE as error:
         raise DatasetError(f"{folder} is no run of a policy: {one_line(error):.300}") from error
-    if remembers is not False:
-        reason = "such a policy is evaluated by the options of its run alone, and not loaded"
-        raise DatasetError(f"{folder} was trained with memory=true: {reason}")
-    return spec
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:

@@ -10,6 +10,7 @@ GONE = {
     "publish.create_pr": "publish to a repository of your own, or upload with the Hub's client",
     "publish.space": "upload report/index.html to a static Space with the Hub's own button",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
+    "memory": "leave it out for false; docs/results/ARCHIVE.md names the commit that has true",
     "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",
     "method=walls": "docs/results/ARCHIVE.md names the commit that has the method",
     "pool_stride": "leave it out for 1; docs/results/ARCHIVE.md names the commit that has 2",

@@ -78,11 +78,6 @@ def check_publish(
         f"publish.model={publish.model}: policies of method={training.method_name} are not "
         "published, since load_policy does not make their network",
     )
-    check(
-        not (publish.model and training.memory),
-        "memory=true: a policy that is published has no memory beside its network, so that this "
-        "one is not published",
-    )
 
 
 def _check_released(export: ExportOptions) -> None:

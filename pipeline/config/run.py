@@ -189,7 +189,6 @@ class Run:
             method=options.method_title,
             encoder=options.network,
             protocol=options.protocol,
-            memory=options.memory,
             train_labyrinths=options.train_labyrinths,
             seed=options.seed,
         )
@@ -405,7 +404,7 @@ def resolve(options: RunConfig) -> Run:
         check("train" not in stages, f"policy={options.policy} is not trained: stages=evaluate")
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
-        check_training(options, run.dataset.task)
+        check_training(options)
         check_options(options.evaluation, EvaluationOptions, "evaluation.")
     if "publish" in stages:
         check_publish(options.publish, options.export, options)

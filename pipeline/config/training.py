@@ -17,7 +17,6 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
-from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.gone import instead
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
@@ -28,9 +27,6 @@ CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
 
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 """The modules of the methods in `pipeline.training.methods`."""
-
-WITH_MEMORY = ("bc", "planner")
-"""The methods that can learn with `memory=true`."""
 
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
 """Pixels on each side of what the baselines look at (supplement, section 1)."""
@@ -94,11 +90,6 @@ class TrainingOptions:
         "default; paper for the original's resize and stopping rule; or authors for the methods of "
         "their code",
         one_of=PROTOCOLS,
-    )
-    memory: bool = option(
-        False,
-        "under partial observability, show the policy all that it has seen in an episode so far, "
-        "and the rest as free; for pictures and the methods bc and planner",
     )
     train_labyrinths: int | None = option(
         None, "labyrinths of train to learn from, the first ones (all)", at_least=1
@@ -205,12 +196,11 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
     )
-    check(not options.memory, "memory=true is for policies of runs; policy may have its own")
     check_options(evaluation, EvaluationOptions, "evaluation.")
 
 
-def check_training(options: TrainingOptions, task: Task) -> None:
-    """Raise a ConfigError if an option is impossible for a task."""
+def check_training(options: TrainingOptions) -> None:
+    """Raise a ConfigError if an option is impossible."""
     name, seen = options.method_name, options.observation
     check_options(options, TrainingOptions)
     check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
@@ -224,18 +214,6 @@ def check_training(options: TrainingOptions, task: Task) -> None:
         options.network == options.encoder or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
-    if not options.memory:
-        return
-    for each, given, allowed in (
-        ("method", name, WITH_MEMORY),
-        ("task", task, [Task.PARTIAL_OBSERVABILITY]),
-        ("observation", seen, ["image"]),
-        ("protocol", options.protocol, ["default"]),
-    ):
-        check(
-            given in allowed,
-            f"memory=true does not go with {each}={given}: choose {' or '.join(allowed)}",
-        )
 
 
 def check_method(options: TrainingOptions) -> None:

@@ -26,7 +26,7 @@ from pipeline.machinery.dataset import manifest_of
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 from pipeline.training.record import current_versions, read_record
-from pipeline.training.train import choose_device, loader_of, memory_of, spec_of, with_memory
+from pipeline.training.train import choose_device, loader_of, spec_of
 
 
 def judge_trained(run: Run) -> Judged:
@@ -62,7 +62,7 @@ def judge_trained(run: Run) -> Judged:
     refuse_others(path, None)
     size = method.image_size(spec, settings, config.height, config.width)
     shape = replace(spec, height=config.height, width=config.width)
-    acting = with_memory(method.player(policy, shape, settings), memory_of(run, config, size))
+    acting = method.player(policy, shape, settings)
     player, load = Player.of(acting, options.seed), loader_of(judged_on, size)
     learnt = None if judged_on is run else learnt_from(run, about["fingerprint"], config)
     splits = (*EVALUATED_SPLITS, *config.shifts)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,11 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
-from labyrinth_core.policies.remembering import PictureMemory, Remembering
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -150,7 +148,6 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "encoder": options.network,
         "observation": options.observation,
         "protocol": options.protocol,
-        "memory": options.memory,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
         "settings": asdict(settings),
@@ -192,25 +189,6 @@ def spec_of(run: Run) -> NetworkSpec:
     return NetworkSpec(run.options.network, dataset.height, dataset.width, str(dataset.task))
 
 
-def memory_of(run: Run, config: DatasetConfig, image_size: int) -> PictureMemory | None:
-    """Return the memory of a run's policy for a config's labyrinths; None without `memory=true`.
-
-    Raises:
-        ConfigError: Pictures of `image_size` pixels are too small to remember.
-    """
-    if not run.options.memory:
-        return None
-    try:
-        return PictureMemory(config.height, config.width, image_size)
-    except ValueError as error:
-        raise ConfigError(f"memory=true: {error}") from error
-
-
-def with_memory(policy: Any, memory: PictureMemory | None) -> Any:
-    """Return a policy that is shown the pictures of a memory, if one is given."""
-    return policy if memory is None else Remembering(policy, memory)
-
-
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
@@ -245,29 +223,14 @@ def prepare(
         exploration=exploration,
         spec=spec,
         rng=np.random.default_rng(options.seed),
-        memory=memory_of(run, run.dataset, IMAGE_SIZE),
     )
-    if options.memory:
-        problem = _remembered(problem)
 
     def judge(policy: Policy) -> dict[str, float]:
-        acting = method.player(policy, spec, settings)
-        player = Player.of(with_memory(acting, problem.memory), options.seed)
+        player = Player.of(method.player(policy, spec, settings), options.seed)
         rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
     return method(problem, settings), judge
-
-
-def _remembered(problem: Problem) -> Problem:
-    """Return a problem whose demonstrations show all that was seen; each step is a new state."""
-    pictures = torch.tensor(problem.examples.look_at_all(), device=problem.device)
-    states = len(problem.observations) + np.arange(len(pictures))
-    return replace(
-        problem,
-        observations=torch.cat([problem.observations, pictures]),
-        demonstrations=problem.demonstrations._replace(states=states),
-    )
 
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:

@@ -71,7 +71,7 @@ def memory() -> str:
             group = [
                 each
                 for each in runs
-                if (each["run"]["method"], each["run"]["memory"]) == (method, remembers)
+                if (each["run"]["method"], each["run"].get("memory", False)) == (method, remembers)
             ]
             cells = (
                 _with_spl([each["splits"][split] for each in group]) for split in EVALUATED_SPLITS

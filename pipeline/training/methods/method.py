@@ -27,7 +27,6 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
-from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, frozen, option
@@ -78,16 +77,13 @@ class Problem:
     arrays: LabyrinthArrays
     """The labyrinths of the split train, and of no other."""
     observations: Tensor
-    """The observations of `arrays`, on the device, shape (S, ...). With memory, observations of the
-    states of `demonstrations` follow."""
+    """The observations of `arrays`, on the device, shape (S, ...)."""
     demonstrations: Steps
     exploration: Callable[[], Steps]
     """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
     spec: NetworkSpec
     rng: np.random.Generator
     """The source of all randomness except weights and dropout, for which torch's is used."""
-    memory: PictureMemory | None = None
-    """What makes the pictures of a policy that is shown all that it has seen in the episode."""
 
     @property
     def device(self) -> torch.device:
@@ -97,7 +93,7 @@ class Problem:
     @cached_property
     def examples(self) -> ExampleSampler:
         """The source of pictures drawn from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays, self.memory)
+        return ExampleSampler(self.arrays)
 
 
 class Learner(ABC):

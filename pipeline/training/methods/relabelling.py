@@ -7,14 +7,10 @@ labyrinths with a door nothing is reversed, and a part is taken only if it is a 
 the labyrinth with the new start and goal, from before the key to behind the door. An episode
 without such a part is taken as it is. The picture with the new start
 and goal is drawn from `info`, which adds nothing to what the demonstration's own pictures show.
-
-With memory, under partial observability, a picture shows what a policy that remembers is shown
-(`labyrinth_core.policies.remembering`) after it has walked the part up to that state.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from itertools import pairwise, permutations
 
@@ -22,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.policies.remembering import PictureMemory
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.rollout import Episode, replay
@@ -34,9 +29,9 @@ NO_LABEL = -1
 class ExampleSampler:
     """Draws examples from the demonstrated episodes."""
 
-    def __init__(self, arrays: LabyrinthArrays, memory: PictureMemory | None = None) -> None:
-        """Replay the episodes of `arrays`; a memory makes the pictures, if one is given."""
-        self._spec, self._memory = arrays.spec, memory
+    def __init__(self, arrays: LabyrinthArrays) -> None:
+        """Replay the episodes of `arrays`."""
+        self._spec = arrays.spec
         self.episodes: list[Episode] = []
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
             labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
@@ -58,36 +53,18 @@ class ExampleSampler:
             rng: Draws them.
             relabel: Whether the part is between any two states of the episode, or all of it.
             whole: Whether the labels are the actions in all cells of the part, or the agent's
-                action alone. Under partial observability the agent's cell alone is labelled, or
-                with memory those where it has been. Labels are the actions taken with the key if
-                the agent has it, else those without it.
+                action alone. Under partial observability the agent's cell alone is labelled.
+                Labels are the actions taken with the key if the agent has it, else those without
+                it.
         """
         drawn = [self.example(rng, relabel, whole) for _ in range(count)]
-        views, seen_from, labels = zip(*drawn, strict=True)
-        return self.look(views, seen_from), np.stack(labels)
-
-    def look_at_all(self) -> NDArray[np.uint8]:
-        """Return the picture of each state in which an episode acts, episode by episode."""
-        views, seen_from = [], []
-        for episode in self.episodes:
-            for index, state in enumerate(episode.states[:-1]):
-                views.append((episode.labyrinth, state))
-                seen_from.append(_agents(episode, range(index + 1)))
-        return self.look(views, seen_from)
-
-    def look(
-        self, views: Sequence[tuple[Labyrinth, State]], seen_from: Sequence[frozenset[int]]
-    ) -> NDArray[np.uint8]:
-        """Return pictures of states; with memory, as seen from some cells, of each a set."""
-        if self._memory is None:
-            return self._spec.look(views)
-        self._memory.reset(len(views))
-        return self._memory.add(self._spec.look(views, seen_from))
+        views, labels = zip(*drawn, strict=True)
+        return self._spec.look(views), np.stack(labels)
 
     def example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
-    ) -> tuple[tuple[Labyrinth, State], frozenset[int], NDArray[np.int64]]:
-        """Return a drawn example: a state, the agent's cells until then, and the label."""
+    ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
+        """Return a drawn example: a state and the label."""
         number = rng.integers(len(self.episodes))
         episode, parts = self.episodes[number], self.parts[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
@@ -97,21 +74,17 @@ class ExampleSampler:
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
         state = episode.states[agent]
-        visited = range(first, agent + step, step)
-        seen_from = _agents(episode, visited)
         if not whole:
-            return (labyrinth, state), seen_from, np.array(_action(episode, agent, step))
+            return (labyrinth, state), np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
-        known = range(first, last, step)
-        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
-            known = visited[-1:] if self._memory is None else visited
-        for index in known:
+        hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
+        for index in [agent] if hidden else range(first, last, step):
             there = episode.states[index]
             if there[1:] == state[1:]:
                 labels[there.agent] = _action(episode, index, step)
         rows = labels.reshape(structure.height, structure.width)[::-1]
-        return (labyrinth, state), seen_from, rows
+        return (labyrinth, state), rows
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:
@@ -131,11 +104,6 @@ def require_shortest(arrays: LabyrinthArrays) -> None:
 def _action(episode: Episode, index: int, step: int) -> int:
     """Return the action in a state of an episode, or the one back to the state before it."""
     return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
-
-
-def _agents(episode: Episode, indices: Iterable[int]) -> frozenset[int]:
-    """Return the agent's cells in some states of an episode."""
-    return frozenset(episode.states[index].agent for index in indices)
 
 
 def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:

@@ -79,7 +79,7 @@ def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
     for policy, options in policies.values():
         results = results_of(datasets, config, policy, **options)
         if policy is not policies["rounds"][0]:
-            results = of_run(results, memory=True)
+            results = of_run(results)
         path = tmp_path / "a" / "mine.json"
         about = ABOUT if results.run is None else ABOUT | {"name": results.run.name}
         results.save(path, **about)
@@ -320,7 +320,6 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("run.protocol", "a|b", NO_RUN),
         ("run.config", "3x3\n# Mine", NO_RUN),
         ("run.settings", [], NO_RUN),
-        ("run.memory", 1, NO_RUN),
         ("run.train_labyrinths", 0, NO_RUN),
         ("run.seed", [0], NO_RUN),
         ("run.training.seconds", -1, NO_RUN),

@@ -242,12 +242,6 @@ def test_a_run_whose_network_has_an_option_that_went_is_refused_in_one_line(tmp_
     check_refused(folder, f"{folder} is no run of a policy: {told}")
 
 
-def test_a_run_with_memory_is_not_loaded_without_it(tmp_path: Path) -> None:
-    spec = PolicySpec(NetworkSpec("cnn", 3, 3, "partial_observability"), average=False)
-    folder = lay_out_run(tmp_path / "run", spec, memory=True)
-    check_refused(folder, f"{folder} was trained with memory=true: ")
-
-
 def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_in_each(
     tmp_path: Path,
 ) -> None:

@@ -12,15 +12,12 @@ from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import success_rate
-from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
-from pipeline.results import results
 from pipeline.training import train
-from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
@@ -151,57 +148,6 @@ def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
         run_of(small_dataset.data_dir, tmp_path, evaluate_on="9x9")
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for policies of runs"):
         make_run(tmp_path, stages=["evaluate"], policy="module:name", evaluate_on="d/3x3")
-
-
-@pytest.mark.parametrize("method", ["bc", "planner"])
-def test_a_run_with_memory_is_another_run_and_is_stepped(build, run_of, tmp_path, method):
-    build(tmp_path, task="partial_observability")
-    options = {"task": "partial_observability", "results_dir": str(tmp_path / "results")}
-    options |= {"method": {"name": method, "epochs": 1, "pictures": 32}}
-    run = run_of(tmp_path, tmp_path / "runs", **options, memory=True)
-    train.run(run)
-    stage.run(run)
-    assert run.training_folder.name.endswith("-seed0-memory")
-    content = json.loads((run.training_folder / "results.json").read_bytes())
-    assert content["run"]["memory"] is True
-    assert content["evaluated"]["way"] == "steps"
-    assert {*REPLANNERS} < content["baselines"].keys()
-    (epoch,) = json.loads((run.training_folder / "run.json").read_bytes())["history"]
-    for split in ("train", "validation"):
-        assert content["splits"][split]["sr"] == epoch[f"{split}_sr"]
-    for figures in content["splits"].values():
-        assert figures["accuracy_on_demonstrations"] is figures["accuracy_elsewhere"] is None
-    results.run(run)
-    (kept,) = (tmp_path / "results" / "runs").rglob("*.json")
-    assert Results.load(kept).run.setup == f"{run.options.network}-memory"
-    without = run_of(tmp_path, tmp_path / "runs", **options)
-    _, settings = find(method, without.options.method)
-    assert train.identify(without, settings)["memory"] is False
-    assert without.training_folder != run.training_folder
-
-
-@pytest.mark.parametrize(
-    ("options", "told"),
-    [
-        ({"task": "navigation"}, "task=navigation: choose partial_observability"),
-        ({"method": {"name": "gail"}}, "method=gail: choose bc or planner"),
-        ({"encoder": "mlp", "observation": "vector"}, "observation=vector: choose image"),
-        ({"protocol": "paper"}, "protocol=paper: choose default"),
-        ({"stages": ["evaluate"], "policy": "module:name"}, "policies of runs; .*"),
-    ],
-)
-def test_what_memory_does_not_go_with_is_told_in_one_line(make_run, tmp_path, options, told):
-    given = {"stages": ["train"], "task": "partial_observability", "memory": True}
-    with pytest.raises(ConfigError, match=rf"\Amemory=true (does not go with|is for) {told}\Z"):
-        make_run(tmp_path, **given | options)
-
-
-def test_pictures_that_are_too_small_for_a_memory_are_told_before_training(build, run_of, tmp_path):
-    options = {"size": "6", "task": "partial_observability"}
-    build(tmp_path / "data", **options, labyrinths=1)
-    with pytest.raises(ConfigError, match=r"\Amemory=true: pictures of 64 pixels .* 6x6 .*\Z"):
-        train.run(run_of(tmp_path / "data", tmp_path / "runs", **options, memory=True))
-    assert not (tmp_path / "runs").exists()
 
 
 def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(

@@ -41,11 +41,6 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
                 ("env", "user/a\nimport os"),
             )
         ),
-        (
-            MODEL,
-            {"dataset": REPO, "memory": True, "task": "partial_observability"},
-            "memory=true: a policy that is published has no memory beside its network, so that",
-        ),
         (EXPORT, {}, "export.format=: choose one of "),
         (
             EXPORT,

@@ -14,6 +14,7 @@ from rich.console import Console
 from submitted import forgetful, keep, of_few, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.schema import read_json
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.console import say_once
@@ -234,5 +235,8 @@ def test_the_results_that_are_published_add_up():
     paths = [path for path in ours.glob("*/**/*.json") if path.match("*/runs/*/*.json")]
     assert len(paths) > 100
     for path in paths:
-        results = Results.load(path)
-        assert results.run.name == path.stem
+        content = read_json(path)
+        if content["run"].get("memory"):  # Of runs that only an earlier commit knows.
+            del content["run"]
+        results = Results.from_json(content)
+        assert results.method.name == path.stem

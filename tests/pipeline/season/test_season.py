@@ -15,7 +15,6 @@ from policies import RELEASED, lay_out_run
 from publishing import local_hub, run_script
 from seasons import Performer
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
@@ -78,11 +77,8 @@ def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, 
     assert not perform.place.secret.exists()
 
 
-def test_a_run_with_memory_is_no_submission_and_one_of_a_protocol_keeps_its_pictures(tmp_path):
-    spec = PolicySpec(NetworkSpec("cnn", 5, 5, "partial_observability"), average=False)
-    folder = str(lay_out_run(tmp_path / "memory", spec, memory=True))
-    with pytest.raises(DatasetError, match=rf"\A{folder} was trained with memory=true: "):
-        fetched(folder).__enter__()
+def test_the_run_of_a_protocol_that_is_submitted_keeps_its_pictures(tmp_path):
+    spec = PolicySpec(NetworkSpec("cnn", 5, 5, "navigation"), average=False)
     with fetched(str(lay_out_run(tmp_path / "paper", spec, protocol="paper"))) as submission:
         assert submission.policy.resize == "original"
 

@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 from learning import settings_of
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.policies.remembering import PictureMemory
-from labyrinth_core.world.dynamics import State, initial, is_terminal, transition
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.dynamics import is_terminal, transition
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -116,41 +114,10 @@ def test_examples_of_routes_that_err_are_learnt_from_as_they_are_where_none_is_r
     sampler.draw(40, rng, relabel=True, whole=True)
 
 
-def remembered(spec: ObservationSpec, labyrinth: Labyrinth, states: list[State]) -> np.ndarray:
-    """Return the last picture of an episode as a policy with memory is shown it."""
-    memory = PictureMemory(3, 4)
-    memory.reset(1)
-    pictures = [memory.add(spec.look([(labyrinth, state)])) for state in states]
-    picture: np.ndarray = pictures[-1][0]
-    return picture
-
-
-def test_with_memory_an_example_shows_and_labels_what_a_policy_would_have_seen(
-    datasets: Path,
-) -> None:
-    arrays = load_arrays(datasets, "3x4-partial_observability", "train")
-    sampler, rng = ExampleSampler(arrays, PictureMemory(3, 4)), np.random.default_rng(0)
-    longest = 0
+def test_under_partial_observability_the_agents_cell_alone_is_labelled(datasets: Path) -> None:
+    sampler, rng = sampler_of(datasets, "partial_observability"), np.random.default_rng(0)
     for _ in range(40):
-        (labyrinth, state), seen_from, labels = sampler.example(rng, True, True)
-        actions, states = labels[::-1].ravel(), [initial(labyrinth)]
-        while states[-1] != state:
-            states.append(transition(labyrinth, states[-1], actions[states[-1].agent]))
-        assert set(np.flatnonzero(actions != NO_LABEL)) == {each.agent for each in states}
-        (picture,) = sampler.look([(labyrinth, state)], [seen_from])
-        np.testing.assert_array_equal(picture, remembered(arrays.spec, labyrinth, states))
-        longest = max(longest, len(states))
-    assert longest > 4
-
-
-def test_with_memory_the_pictures_of_demonstrations_are_those_of_their_steps(
-    datasets: Path,
-) -> None:
-    arrays = load_arrays(datasets, "3x4-partial_observability", "train")
-    sampler = ExampleSampler(arrays, PictureMemory(3, 4))
-    pictures = iter(sampler.look_at_all())
-    for episode in sampler.episodes:
-        for step in range(len(episode)):
-            shown = remembered(arrays.spec, episode.labyrinth, list(episode.states[: step + 1]))
-            np.testing.assert_array_equal(next(pictures), shown)
-    assert next(pictures, None) is None
+        (labyrinth, state), labels = sampler.example(rng, relabel=True, whole=True)
+        (cell,) = np.flatnonzero(labels[::-1] != NO_LABEL)
+        assert cell == state.agent
+        assert transition(labyrinth, state, labels[::-1].flat[cell]) != state
