@@ -106,6 +106,17 @@ class Stream(Generic[Item]):
             self._running = iter(self)
         return next(self._running)
 
+    def __len__(self) -> int:
+        """Raise TypeError, with what to do where a `DataLoader` asks for the length to iterate."""
+        raise TypeError(
+            "a stream has no length; if a DataLoader asks for it in order to iterate, the stream "
+            "was made before torch was imported: import torch first"
+        )
+
+    def __bool__(self) -> bool:
+        """Return True, without asking for the length."""
+        return True
+
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process is sent."""
         return vars(self) | {"_running": None}
