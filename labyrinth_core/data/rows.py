@@ -138,22 +138,6 @@ def read_schema(path: Path) -> pa.Schema:
         return file.schema_arrow
 
 
-def texts(column: pa.ChunkedArray) -> list[str | None]:
-    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
-
-    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
-    """
-    import pyarrow as pa
-
-    if not pa.types.is_dictionary(column.type):
-        return column.to_pylist()  # type: ignore[no-any-return]
-    found: list[str | None] = []
-    for chunk in column.chunks:
-        values = [*chunk.dictionary.to_pylist(), None]
-        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
-    return found
-
-
 def rows_together(file: pyarrow.parquet.ParquetFile, *, pictures: bool) -> Iterator[Rows]:
     """Yield the rows of a shard, without pictures those of `TOGETHER` row groups at once."""
     together = 1 if pictures else TOGETHER
