@@ -2,14 +2,9 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 from labyrinth_core.world.grid import Action
-
-if TYPE_CHECKING:
-    import pyarrow
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
@@ -52,42 +47,3 @@ COLUMNS = (
     Column.of("episode_starts", "bool", "whether the row is the first of an episode"),
     Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
 )
-
-
-class Row(NamedTuple):
-    """One state of an episode, in the dataset's columns."""
-
-    obs: bytes
-    """The picture as a PNG file."""
-    obs_path: str
-    """The name of the picture, unique in its config."""
-    actions: int
-    rewards: float
-    episode_starts: bool
-    info: str
-    picture_digest: bytes
-    """The digest of its pixels, which is not a column."""
-
-
-def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pyarrow.Schema:
-    """Return the Arrow schema of files, with the metadata in which `datasets` keeps features.
-
-    It is written out, since importing `datasets` takes longer than building a small dataset.
-    """
-    import pyarrow as pa
-
-    types = {
-        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
-        "ClassLabel": pa.int64(),
-        "List": pa.list_(pa.string()),
-        "string": pa.string(),
-        "bool": pa.bool_(),
-        "float32": pa.float32(),
-        "int32": pa.int32(),
-        "int64": pa.int64(),
-    }
-    features = {"info": {"features": {column.name: column.feature for column in columns}}}
-    return pa.schema(
-        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
-        metadata={"huggingface": json.dumps(features)},
-    )

@@ -8,21 +8,15 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-import zlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
-from importlib.metadata import version
 from typing import Any
-
-import numpy as np
 
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.schema import COUNT, Exactly, Text, check_shape, read_json
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
-from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
-from labyrinth_core.version import __version__
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
@@ -164,14 +158,3 @@ class Manifest:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
         except (OSError, *MALFORMED) as error:
             raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
-
-
-def current_versions() -> dict[str, str]:
-    """Return the versions of all that shapes the bytes of a dataset in this process."""
-    return {
-        "labyrinth-datasets": __version__,
-        "numpy": np.__version__,
-        "pyarrow": version("pyarrow"),
-        "zlib": zlib.ZLIB_RUNTIME_VERSION,
-        "png": f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}",
-    }

@@ -66,19 +66,25 @@ class Part:
         return kept
 
     def rows(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield its rows; no row group after the last of them is read.
+        """Yield its rows; no row group is read that holds none of them.
 
         Raises:
             DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
         """
         for number in self.held():
-            first = int(self.first_rows()[number])
             with self.opened(number) as file:
-                for rows in rows_together(file, pictures=pictures):
-                    yield self._kept(rows, first)
-                    first += len(rows.actions)
-                    if self.kept is not None and not self.kept[first:].any():
-                        return
+                ends = self.group_rows(file, number)
+                groups = np.flatnonzero(np.diff(self.kept_before(ends))).tolist()
+                blocks = rows_together(file, groups, pictures=pictures)
+                if self.kept is None:
+                    yield from blocks
+                    continue
+                kept = np.concatenate([self.kept[ends[n] : ends[n + 1]] for n in groups])
+                first = 0
+                for rows in blocks:
+                    end = first + len(rows.actions)
+                    yield rows.take(np.flatnonzero(kept[first:end]))
+                    first = end
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Open a shard; an error within means that it cannot be read."""

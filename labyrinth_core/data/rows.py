@@ -108,19 +108,25 @@ def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
 
 
 def tables_of(
-    file: pyarrow.parquet.ParquetFile, columns: list[str] | None = None, *, together: int = 1
+    file: pyarrow.parquet.ParquetFile,
+    columns: list[str] | None = None,
+    groups: Sequence[int] | None = None,
+    *,
+    together: int = 1,
 ) -> Iterator[pa.Table]:
     """Yield the rows of a file, those of a row group at once unless they are very many.
 
     Args:
         file: The file.
         columns: The names of the columns to read; None for all.
+        groups: The numbers of the row groups to read; None for all.
         together: How many row groups are opened at once, which is quicker where rows are small.
     """
     import pyarrow as pa
 
-    groups = range(file.num_row_groups)
-    for first in groups[::together]:
+    if groups is None:
+        groups = range(file.num_row_groups)
+    for first in range(0, len(groups), together):
         # `map` lets go of each batch, of which there would otherwise be two.
         batches = file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
         yield from map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
@@ -138,26 +144,12 @@ def read_schema(path: Path) -> pa.Schema:
         return file.schema_arrow
 
 
-def texts(column: pa.ChunkedArray) -> list[str | None]:
-    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
-
-    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
-    """
-    import pyarrow as pa
-
-    if not pa.types.is_dictionary(column.type):
-        return column.to_pylist()  # type: ignore[no-any-return]
-    found: list[str | None] = []
-    for chunk in column.chunks:
-        values = [*chunk.dictionary.to_pylist(), None]
-        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
-    return found
-
-
-def rows_together(file: pyarrow.parquet.ParquetFile, *, pictures: bool) -> Iterator[Rows]:
-    """Yield the rows of a shard, without pictures those of `TOGETHER` row groups at once."""
+def rows_together(
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], *, pictures: bool
+) -> Iterator[Rows]:
+    """Yield the rows of row groups, without pictures those of `TOGETHER` row groups at once."""
     together = 1 if pictures else TOGETHER
-    tables = tables_of(file, columns_read(pictures), together=together)
+    tables = tables_of(file, columns_read(pictures), groups, together=together)
     blocks = (rows_of_table(table, pictures=pictures) for table in tables)
     while some := list(islice(blocks, together)):
         yield joined(some)

@@ -149,6 +149,10 @@ class RemotePath:
     def read_text(self, encoding: str) -> str:
         return self.read_bytes().decode(encoding)
 
+    def upload(self, local: Path) -> None:
+        """Make this the content of a local file."""
+        self._ask(lambda store, path: store.put_file(str(local), path))
+
     def unlink(self, *, missing_ok: bool = False) -> None:
         if not missing_ok or self.exists():
             self._ask(lambda store, path: store.rm_file(path))
@@ -269,31 +273,3 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
         local = Path(folder) / path.name
         path._ask(lambda store, place: store.get_file(place, str(local)))
         yield local
-
-
-@contextmanager
-def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
-    """Lend the name of a local file to be made, which is then moved or uploaded to a path.
-
-    The name is absolute, as Arrow takes a relative one with a colon for a URL.
-
-    Args:
-        path: The final place of the file, where it appears whole or not at all.
-        scratch: Folder for the temporary file, on the same disk as a local path. A process that
-            was given up may still write there while another makes the same file.
-
-    Raises:
-        OSError: The file cannot be written, or something that is not a regular file is there.
-    """
-    target = file_at(path) if isinstance(path, Path) else path
-    if target != path:  # A link may lead to another disk.
-        scratch = target.parent
-    place = scratch.absolute() if isinstance(scratch, Path) else None
-    with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
-        local = Path(folder) / path.name
-        with naming(target if isinstance(target, Path) else local):
-            yield local
-        if isinstance(target, Path):
-            local.replace(target)
-        else:
-            target._ask(lambda store, place: store.put_file(str(local), place))

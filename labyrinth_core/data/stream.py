@@ -15,6 +15,7 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
@@ -23,7 +24,7 @@ import numpy as np
 
 from labyrinth_core.data.loader import episodes_of
 from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.part import Filter, Wanted, find_part
+from labyrinth_core.data.part import Filter, Part, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER, Rows, joined
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -41,11 +42,29 @@ TOGETHER_BYTES = 8 << 20
 Item = TypeVar("Item", covariant=True)
 
 
-def _rows_shuffled(shuffle: bool | int) -> int:
-    """Return how many rows are shuffled together, 0 for none."""
-    if isinstance(shuffle, bool):
-        return BUFFER * shuffle
-    return whole("shuffle", shuffle, 1, allowed="True, False or a number of rows from 1 on")
+@dataclass(frozen=True)
+class Order:
+    """The order of a stream, and the share of this process in it; see `stream_episodes`."""
+
+    buffer: int
+    """The rows that are shuffled together, 0 for none."""
+    seed: int
+    rank: int
+    ranks: int
+
+    @classmethod
+    def of(cls, shuffle: Any, seed: Any, rank: Any, world_size: Any) -> Order:
+        """Return the order that a caller asks for; ranks are torchrun's unless they are given.
+
+        Raises:
+            ValueError: An argument has a value that is not allowed.
+        """
+        if isinstance(shuffle, bool):
+            buffer = BUFFER * shuffle
+        else:
+            allowed = "True, False or a number of rows from 1 on"
+            buffer = whole("shuffle", shuffle, 1, allowed=allowed)
+        return cls(buffer, whole("seed", seed, 0), *_share_of_ranks(rank, world_size))
 
 
 def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
@@ -70,19 +89,12 @@ class Stream(Generic[Item]):
 
     def __init__(
         self,
-        wanted: Wanted,
+        part: Part,
         spec: ObservationSpec,
         items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
-        shuffle: bool | int,
-        seed: int,
-        rank: int | None,
-        world_size: int | None,
+        order: Order,
     ) -> None:
-        self._spec, self._items_of = spec, items_of
-        self._buffer = _rows_shuffled(shuffle)
-        self._seed = whole("seed", seed, 0)
-        self._rank, self._ranks = _share_of_ranks(rank, world_size)
-        self._found = find_part(wanted, in_place=True)
+        self._found, self._spec, self._items_of, self._order = part, spec, items_of, order
         self._epoch: Any = np.zeros((), np.int64)
         self._at: dict[str, Any] | None = None
         self._loaded = False
@@ -105,6 +117,17 @@ class Stream(Generic[Item]):
         if self._running is None:
             self._running = iter(self)
         return next(self._running)
+
+    def __len__(self) -> int:
+        """Raise TypeError, with what to do where a `DataLoader` asks for the length to iterate."""
+        raise TypeError(
+            "a stream has no length; if a DataLoader asks for it in order to iterate, the stream "
+            "was made before torch was imported: import torch first"
+        )
+
+    def __bool__(self) -> bool:
+        """Return True, without asking for the length."""
+        return True
 
     def __getstate__(self) -> dict[str, Any]:
         """Return what another process is sent."""
@@ -160,7 +183,7 @@ class Stream(Generic[Item]):
         parts = [
             *(shard.sha256 for shard in self._found.shards),
             None if kept is None else hashlib.sha256(np.packbits(kept).tobytes()).hexdigest(),
-            *(self._spec.decodes, self._buffer, self._seed, self._items_of.__name__),
+            *(self._spec.decodes, self._order.buffer, self._order.seed, self._items_of.__name__),
             self._share(),
         ]
         return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
@@ -170,10 +193,10 @@ class Stream(Generic[Item]):
         torch_data = sys.modules.get("torch.utils.data")
         worker = None if torch_data is None else torch_data.get_worker_info()
         number, workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
-        return self._rank * workers + number, self._ranks * workers
+        return self._order.rank * workers + number, self._order.ranks * workers
 
     def _random(self, at: Mapping[str, Any], *more: int) -> np.random.Generator:
-        return np.random.default_rng([self._seed, at["epoch"], *more])
+        return np.random.default_rng([self._order.seed, at["epoch"], *more])
 
     def _items(self, at: dict[str, Any]) -> Iterator[Item]:
         """Yield items from a place on, and keep the place up to date."""
@@ -182,7 +205,7 @@ class Stream(Generic[Item]):
         total, rows = int(ends[-1]), np.diff(ends)
         own = range(total * share // shares, total * (share + 1) // shares)
         order = np.arange(len(rows))
-        if self._buffer:
+        if self._order.buffer:
             self._random(at).shuffle(order)
         before = np.cumsum(rows[order]) - rows[order]
         for place, number in islice(enumerate(order.tolist()), at["shard"], None):
@@ -209,8 +232,8 @@ class Stream(Generic[Item]):
             at: The place, with the number of the epoch.
         """
         rows = np.diff(self._found.kept_before(self._found.group_rows(file, number)))
-        order, cost, limit = np.arange(len(rows)), rows, self._buffer
-        if self._buffer:
+        order, cost, limit = np.arange(len(rows)), rows, self._order.buffer
+        if self._order.buffer:
             self._random(at, number).shuffle(order)
         elif self._spec.decodes:
             sizes = [file.metadata.row_group(group).total_byte_size for group in order.tolist()]
@@ -245,7 +268,7 @@ class Stream(Generic[Item]):
         if not spec.decodes:  # Many texts are parsed in less time together.
             blocks = [joined(some)] if (some := list(blocks)) else []
         items = self._items_of(episodes_of(blocks, spec, found.config))
-        if not self._buffer:
+        if not self._order.buffer:
             return items
         every = list(items)
         shuffled = self._random(at, number, 1 + part[0]).permutation(len(every))
@@ -303,9 +326,10 @@ def stream_episodes(  # noqa: D417
         ValueError: An argument has a value that is not allowed.
         DatasetError: As for `load_episodes`; raised for rows after the items before them.
     """
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
-    return Stream(wanted, spec, _whole_episodes, shuffle, seed, rank, world_size)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    return Stream(find_part(wanted, in_place=True), spec, _whole_episodes, order)
 
 
 def stream_transitions(
@@ -326,6 +350,7 @@ def stream_transitions(
     world_size: int | None = None,
 ) -> Stream[Transition]:
     """Return the transitions of a split as they are read; see `stream_episodes`."""
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
-    return Stream(wanted, spec, _steps, shuffle, seed, rank, world_size)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    return Stream(find_part(wanted, in_place=True), spec, _steps, order)

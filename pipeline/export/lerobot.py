@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION, arrow_schema
+from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS, table_rows
 from labyrinth_core.data.storage import write_text
@@ -226,7 +226,7 @@ def _episode_schema() -> pa.Schema:
         ("meta/episodes/file_index", pa.int64()),
         ("info", pa.string()),
     ]
-    fields += [(each.name, each.type) for each in arrow_schema(TABLE_COLUMNS)]
+    fields += [(each.name, pa.type_for_alias(each.feature["dtype"])) for each in TABLE_COLUMNS]
     number = pa.list_(pa.float64())
     for name, type_ in {
         **dict.fromkeys(_SCALARS, number),

@@ -22,9 +22,9 @@ from pathlib import Path
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile, current_versions
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, RemotePath, new_file
+from labyrinth_core.data.storage import AnyPath, RemotePath
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation.candidates import CELLS_PER_CHUNK
@@ -35,8 +35,9 @@ from pipeline.generation.tabulate import read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
+from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
 from pipeline.machinery.own_files import is_litter
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION, Row
+from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
@@ -19,7 +19,7 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.generation.fingerprint import PictureDigest
+from pipeline.generation.fingerprint import PictureDigest, Row
 from pipeline.generation.render import Pictures, picture_names
 
 

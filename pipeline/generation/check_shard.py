@@ -12,28 +12,31 @@ from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from itertools import chain, groupby
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.rows import footer_problem, open_shard, read_schema, tables_of, texts
+from labyrinth_core.data.rows import footer_problem, open_shard, read_schema, tables_of
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation.check_rows import EpisodeRows, Problem, check_labyrinth, episodes_of
 from pipeline.generation.check_table import table_problems
-from pipeline.generation.fingerprint import Fingerprint
+from pipeline.generation.fingerprint import Fingerprint, Row
 from pipeline.generation.rules import labyrinth_problems, routes_problem
 from pipeline.generation.shifts import Train
 from pipeline.generation.tabulate import FactsOfShard
 from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.write import arrow_schema
 from pipeline.inspection.routes import routes_of
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -171,7 +174,7 @@ def _rows(file: Any, problems: list[Problem]) -> Iterator[Row]:
     first = 0
     for table in tables_of(file):
         values = ("obs", "actions", "rewards", "episode_starts")
-        columns = [*(table[name].to_pylist() for name in values), texts(table["info"])]
+        columns = [*(table[name].to_pylist() for name in values), _texts(table["info"])]
         del table  # It holds the pictures a second time.
         rows = zip(*columns, strict=True)
         for number, (obs, action, paid, starts, info) in enumerate(rows, start=first):
@@ -236,3 +239,19 @@ def _left_out(job: CheckJob, parents: dict[int, Parent]) -> Iterator[str]:
             continue  # There is no such variant.
         origin = f"labyrinth {number} of {SPLITS[job.shard.split].parent}"
         yield f"{job.shard.path}: what {origin} becomes is missing"
+
+
+def _texts(column: pa.ChunkedArray) -> list[str | None]:
+    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
+
+    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
+    """
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        return column.to_pylist()  # type: ignore[no-any-return]
+    found: list[str | None] = []
+    for chunk in column.chunks:
+        values = [*chunk.dictionary.to_pylist(), None]
+        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
+    return found

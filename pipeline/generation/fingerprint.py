@@ -11,14 +11,29 @@ import struct
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from operator import mul
+from typing import NamedTuple
 
-from labyrinth_core.data.columns import Row
 from labyrinth_core.pictures.png import Strip
 
 _MODULUS = 2**127 - 1
 _BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
 """Digits of half the golden ratio, which are arbitrary but not chosen."""
 _NUMBERS = struct.Struct("<qf?")
+
+
+class Row(NamedTuple):
+    """One state of an episode, in the dataset's columns."""
+
+    obs: bytes
+    """The picture as a PNG file."""
+    obs_path: str
+    """The name of the picture, unique in its config."""
+    actions: int
+    rewards: float
+    episode_starts: bool
+    info: str
+    picture_digest: bytes
+    """The digest of its pixels, which is not a column."""
 
 
 class Fingerprint:

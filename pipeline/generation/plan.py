@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest, current_versions
+from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SPLITS
 from pipeline.config.run import Run
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
@@ -18,6 +18,7 @@ from pipeline.generation.shards import OldShard, ShardJob
 from pipeline.generation.tabulate import Facts, table_facts
 from pipeline.generation.workplace import Workplace
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.markdown import count
 

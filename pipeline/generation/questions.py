@@ -12,11 +12,10 @@ from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import Any, NamedTuple
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest, Shard, current_versions
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import check_file, check_footer, read_schema, readable
-from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, new_file
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,
     question,
@@ -25,11 +24,13 @@ from labyrinth_core.evaluation.questions import (
 )
 from pipeline.config.run import Run
 from pipeline.generation.workplace import Workplace
+from pipeline.generation.write import arrow_schema
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
+from pipeline.machinery.folders import held, new_file
 
 GROUP_ROWS = 256
 """The rows of a row group, some 3 MB."""

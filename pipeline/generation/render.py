@@ -6,14 +6,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import chain, repeat
 from typing import NamedTuple
 
-from labyrinth_core.data.columns import NO_ACTION, Row
+from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rollout import Episode
-from pipeline.generation.fingerprint import PictureDigest
+from pipeline.generation.fingerprint import PictureDigest, Row
 
 REMEMBERED_BYTES = 32 << 20
 """The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""

@@ -15,19 +15,20 @@ from itertools import islice
 from pathlib import Path
 from typing import TypeVar
 
-from labyrinth_core.data.columns import Row
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.splits import SHIFTS
-from labyrinth_core.data.storage import AnyPath, file_sha256, new_file, write_bytes, write_text
+from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes, write_text
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.generation.candidates import Records, unpack
+from pipeline.generation.fingerprint import Row
 from pipeline.generation.render import render
 from pipeline.generation.solve import solve
 from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.write import write
+from pipeline.machinery.folders import new_file
 
 CELLS_PER_BATCH = 2_000
 """The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5."""

@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
@@ -22,7 +21,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import count_optimal
-from pipeline.generation.write import value_array
+from pipeline.generation.write import arrow_schema, value_array
 from pipeline.inspection.near_twins import passage_table
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import Manifest, Shard, current_versions
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.evaluation.questions import questions_config
@@ -26,6 +26,7 @@ from pipeline.generation.shifts import Train, selected_shifts, train_of
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.own_files import is_litter
 

@@ -13,13 +13,7 @@ from typing import Any
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import (
-    ANALYSIS,
-    MANIFEST,
-    Manifest,
-    Shard,
-    current_versions,
-)
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest, Shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
@@ -30,6 +24,7 @@ from labyrinth_core.data.storage import (
     write_text,
 )
 from pipeline.inspection.statistics import own_files
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
 from pipeline.machinery.own_files import HASHES, is_litter
 

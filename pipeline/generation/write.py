@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import GROUP_BYTES, NO_ACTION, Row, arrow_schema
+from labyrinth_core.data.columns import COLUMNS, GROUP_BYTES, NO_ACTION, Column
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
-from pipeline.generation.fingerprint import Fingerprint
+from pipeline.generation.fingerprint import Fingerprint, Row
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -33,6 +34,30 @@ WRITER_OPTIONS = {
     # It would say that texts are places in a dictionary, also to readers.
     "store_schema": False,
 }
+
+
+def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
+    """Return the Arrow schema of files, with the metadata in which `datasets` keeps features.
+
+    It is written out, since importing `datasets` takes longer than building a small dataset.
+    """
+    import pyarrow as pa
+
+    types = {
+        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
+        "ClassLabel": pa.int64(),
+        "List": pa.list_(pa.string()),
+        "string": pa.string(),
+        "bool": pa.bool_(),
+        "float32": pa.float32(),
+        "int32": pa.int32(),
+        "int64": pa.int64(),
+    }
+    features = {"info": {"features": {column.name: column.feature for column in columns}}}
+    return pa.schema(
+        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
+        metadata={"huggingface": json.dumps(features)},
+    )
 
 
 def write(

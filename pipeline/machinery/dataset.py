@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Iterable
+from importlib.metadata import version
+
+import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.source import locate
+from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
+from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError, as_typed, check
 from pipeline.config.run import Run
 
@@ -60,3 +66,14 @@ def manifest_of(run: Run) -> Manifest:
         f"train_labyrinths={asked}: give {most} or fewer, as many as train of {run.source} has",
     )
     return manifest
+
+
+def current_versions() -> dict[str, str]:
+    """Return the versions of all that shapes the bytes of a dataset in this process."""
+    return {
+        "labyrinth-datasets": __version__,
+        "numpy": np.__version__,
+        "pyarrow": version("pyarrow"),
+        "zlib": zlib.ZLIB_RUNTIME_VERSION,
+        "png": f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}",
+    }

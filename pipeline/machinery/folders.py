@@ -6,6 +6,7 @@ import errno
 import os
 import shutil
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ from labyrinth_core.data.locks import locked
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
+    file_at,
+    naming,
     replacing,
     temporaries,
     temporary_beside,
@@ -29,6 +32,34 @@ folder is complete once it has its mark."""
 
 _NOT_RENAMED = (errno.EXDEV, errno.EBUSY)
 """The errors of a folder in a lower layer of a container's file system, and of a mount point."""
+
+
+@contextmanager
+def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
+    """Lend the name of a local file to be made, which is then moved or uploaded to a path.
+
+    The name is absolute, as Arrow takes a relative one with a colon for a URL.
+
+    Args:
+        path: The final place of the file, where it appears whole or not at all.
+        scratch: Folder for the temporary file, on the same disk as a local path. A process that
+            was given up may still write there while another makes the same file.
+
+    Raises:
+        OSError: The file cannot be written, or something that is not a regular file is there.
+    """
+    target = file_at(path) if isinstance(path, Path) else path
+    if target != path:  # A link may lead to another disk.
+        scratch = target.parent
+    place = scratch.absolute() if isinstance(scratch, Path) else None
+    with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
+        local = Path(folder) / path.name
+        with naming(target if isinstance(target, Path) else local):
+            yield local
+        if isinstance(target, Path):
+            local.replace(target)
+        else:
+            target.upload(local)
 
 
 @contextmanager

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import current_versions
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.run import Run
 from pipeline.machinery.console import say
+from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.markdown import table
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.judge import Row, judged, read_rows

@@ -16,7 +16,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
 
-from labyrinth_core.data.columns import Row, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
@@ -25,8 +24,9 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.generation.fingerprint import Fingerprint, PictureDigest
+from pipeline.generation.fingerprint import Fingerprint, PictureDigest, Row
 from pipeline.generation.validate import validate
+from pipeline.generation.write import arrow_schema
 
 Rows = list[dict[str, Any]]
 

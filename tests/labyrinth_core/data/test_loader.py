@@ -16,7 +16,6 @@ import pytest
 from datasets import load_dataset
 from tampering import episode_rows, put_shards
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
@@ -27,6 +26,7 @@ from labyrinth_core.pictures.png import encode
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_routes
+from pipeline.generation.write import arrow_schema
 
 CONFIGS = "3x3", "4x4-key_and_door"
 

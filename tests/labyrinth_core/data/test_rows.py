@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.rows import open_shard, read_schema, readable
 from pipeline.config.run import Run
+from pipeline.generation.write import arrow_schema
 
 
 @pytest.mark.slow

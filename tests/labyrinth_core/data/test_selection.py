@@ -8,16 +8,18 @@ from pathlib import Path
 
 import huggingface_hub
 import numpy as np
+import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
+from tampering import put_shards
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import frame_cache
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
 from labyrinth_core.data.loader import load_episodes, load_transitions
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
@@ -80,6 +82,30 @@ def test_no_shard_is_read_that_holds_none_of_them(data_dir, tmp_path):
     assert len(ids_of(load_episodes(copy, "3x4", where=third))) == 1
     with pytest.raises(DatasetError, match="damaged"):
         list(load_episodes(copy, "3x4", labyrinths=4))
+
+
+def test_no_row_group_is_read_that_holds_none_of_them(data_dir, tmp_path, monkeypatch):
+    folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
+    shards = Manifest.read(folder).of("random")
+    table = pa.concat_tables([pq.read_table(folder / shard.path) for shard in shards])
+    put_shards(folder, "random", [table], lambda _: range(0, len(table), 7))  # Within episodes.
+    episodes = list(load_episodes(data_dir, "3x4", split="random", image_size=8))
+    ids, groups = ids_of(episodes), []
+    iter_batches = pq.ParquetFile.iter_batches
+
+    def spy(file, size, some, columns):
+        groups.extend(some)
+        return iter_batches(file, size, some, columns)
+
+    monkeypatch.setattr(pq.ParquetFile, "iter_batches", spy)
+    wanted = [ids[0], ids[-1]]
+    where = pc.field("labyrinth_id").isin([f"{number:016x}" for number in wanted])
+    found = list(load_episodes(folder.parent, "3x4", split="random", where=where, image_size=8))
+    expected = [each for each in episodes if each.labyrinth_id in wanted]
+    assert [each.actions.tolist() for each in found] == [each.actions.tolist() for each in expected]
+    rows = sum(len(each) + 1 for each in expected)
+    assert groups == sorted(set(groups))
+    assert len(groups) <= rows / 7 + 2 * len(wanted) < len(table) / 7
 
 
 def test_other_labyrinths_have_another_cache_file_and_all_have_the_one_without(data_dir, tmp_path):

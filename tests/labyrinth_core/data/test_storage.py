@@ -22,7 +22,6 @@ from labyrinth_core.data.storage import (
     RemotePath,
     folder_at,
     local_copy,
-    new_file,
     replacing,
     temporaries,
     temporary_beside,
@@ -33,6 +32,7 @@ from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import validate as validation
+from pipeline.machinery.folders import new_file
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import pickle
 import shutil
+import subprocess
 import sys
 from collections import Counter
 from collections.abc import Iterator
@@ -219,6 +220,25 @@ def test_a_stream_may_be_used_like_a_generator(folders):
     assert keys(pickle.loads(pickle.dumps(stream))) == expected
     stream.close()
     assert list(islice(iter(lambda: next(stream, None), None), 1)) == []
+
+
+def test_a_data_loader_over_a_stream_made_before_torch_was_imported_says_what_to_do(folders):
+    program = f"""
+from labyrinth_core import stream_episodes
+stream = stream_episodes({str(folders[7])!r}, {CONFIG!r}, observation="vector")
+assert stream
+from torch.utils.data import DataLoader
+for options in ({{}}, {{"num_workers": 1}}, {{"batch_size": None}}, {{"shuffle": True}}):
+    try:
+        next(iter(DataLoader(stream, **options)))
+    except TypeError as error:
+        print(error)
+"""
+    command = [sys.executable, "-c", program]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    lines = done.stdout.splitlines()
+    assert len(lines) == 4
+    assert all(line.endswith("before torch was imported: import torch first") for line in lines)
 
 
 def test_rows_lost_between_two_groups_are_missed(folders, tmp_path):

@@ -20,11 +20,10 @@ from interrupting import CrashError, before_each_shard
 from PIL import Image
 from tampering import Rows, content_of, episode_starts, identities, manifest_of, read_rows
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.loader import load_episodes
-from labyrinth_core.data.manifest import MANIFEST, Manifest, current_versions
+from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
@@ -37,7 +36,9 @@ from pipeline.generation.sample import sample
 from pipeline.generation.solve import solve
 from pipeline.generation.validate import validate
 from pipeline.generation.variants import labyrinth_of
+from pipeline.generation.write import arrow_schema
 from pipeline.inspection.statistics import count_dataset
+from pipeline.machinery.dataset import current_versions
 
 Build = Callable[..., Run]
 

@@ -15,12 +15,12 @@ import pyarrow.parquet as pq
 import pytest
 from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
-from labyrinth_core.data.columns import arrow_schema
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
+from pipeline.generation.write import arrow_schema
 
 pytestmark = pytest.mark.slow
 

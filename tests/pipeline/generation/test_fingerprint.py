@@ -9,9 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.data.columns import Row
 from labyrinth_core.pictures.png import Strip, strips_in
-from pipeline.generation.fingerprint import Fingerprint, PictureDigest
+from pipeline.generation.fingerprint import Fingerprint, PictureDigest, Row
 
 rows = st.builds(
     Row,
