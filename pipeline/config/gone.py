@@ -10,11 +10,16 @@ GONE = {
     "publish.create_pr": "publish to a repository of your own, or upload with the Hub's client",
     "publish.space": "upload report/index.html to a static Space with the Hub's own button",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
-    "memory": "leave it out for false; docs/results/ARCHIVE.md names the commit that has true",
+    "memory": "docs/results/ARCHIVE.md names the commit whose policies see all that they have seen",
+    **{
+        f"method=authors/{name}": "in a clone give protocol=authors "
+        f"method=scripts.studies.methods.authors.{name}:Method"
+        for name in ("bc", "bco", "dagger", "gail", "iupe", "sqil")
+    },
     "method=vin": "docs/results/ARCHIVE.md names the commit that has the method",
     "method=walls": "docs/results/ARCHIVE.md names the commit that has the method",
-    "pool_stride": "leave it out for 1; docs/results/ARCHIVE.md names the commit that has 2",
-    "precision": "leave it out for fp32; docs/results/ARCHIVE.md names the commit that has bf16",
+    "pool_stride": "it is always 1; docs/results/ARCHIVE.md names the commit that has 2",
+    "precision": "training is in float32; docs/results/ARCHIVE.md names the commit that has bf16",
     "stages=environments": "run scripts/studies/compare_environments.py in a clone",
 }
 """An option, a group of options, or `option=value` -> what to do instead, as a clause."""
