@@ -173,12 +173,12 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     whole = Manifest.read(small_dataset.folder)
     (shard,) = whole.of("random")
     train = unpack(config, sample(config).structures["train"])
-    labyrinths = enumerate(labyrinth_of(config, "random", each) for each in train)
+    labyrinths = [labyrinth_of(config, "random", each) for each in train]
     parts = (
         part
-        for number, each in labyrinths
+        for n, each in enumerate(labyrinths)
         for part in render.render(
-            "random", number, dump(each), solve(config, "random", each).episodes, at_once=3
+            "random", n, dump(each), solve(config, "random", each).episodes, at_once=3
         )
     )
     written = write.write(folder / shard.path, "random", parts, group_bytes=20_000)

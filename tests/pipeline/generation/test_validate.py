@@ -216,6 +216,12 @@ def the_second_labyrinth_in_place_of_the_first(split: str) -> Change:
     return change
 
 
+def a_labyrinth_more_than_there_are_parents(rows: Rows, _: Path) -> str:
+    start = len(rows)
+    rows += renamed(rows[: episode_starts(rows)[1]], "s0", 3)
+    return f"row {start} info: a labyrinth that is made from none of train"
+
+
 def ends_too_near_to_each_other(rows: Rows, _: Path) -> str:
     its = Labyrinth(parse(rows[0]["info"]).structure, 4, 5)
     replace_first(rows, "s0_and_g", its, shortest_routes(its)[0])
@@ -268,6 +274,7 @@ WITH_OTHERS: list[tuple[str, Change]] = [
     (RANDOM, steps_of_random_left_out),
     (RANDOM, a_random_episode_cut_too_early),
     (MOVED, ends_too_near_to_each_other),
+    (S0, a_labyrinth_more_than_there_are_parents),
     (RANDOM, the_second_labyrinth_in_place_of_the_first("random")),
     (S0, the_second_labyrinth_in_place_of_the_first("s0")),
 ]
