@@ -1,26 +1,57 @@
-"""The check of the rows of one labyrinth: its episodes are replayed, and their pictures drawn."""
+"""The rows of a shard beside those that the build would write, labyrinth by labyrinth."""
 
 from __future__ import annotations
 
 import io
+import re
 import warnings
-from collections.abc import Iterable, Iterator
-from typing import NamedTuple
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, groupby, pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.part import Part
+from labyrinth_core.data.rows import readable, tables_of
+from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in
-from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.dynamics import State, initial, is_terminal, reward, transition
-from labyrinth_core.world.grid import Action
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from pipeline.generation.fingerprint import PictureDigest, Row
-from pipeline.generation.render import Pictures, picture_names
+from pipeline.generation.rules import labyrinth_problems, route_problems
+from pipeline.generation.shifts import Train
+from pipeline.generation.solve import Solution, solve
+from pipeline.generation.variants import labyrinth_and_parent
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+
+@dataclass(frozen=True)
+class CheckJob:
+    """All that a worker needs to check one shard."""
+
+    folder: AnyPath
+    shard: Shard
+    config: DatasetConfig
+    first: int
+    """The number of its first labyrinth in the split, or of that one's parent in the parent's."""
+    first_row: int
+    """The number of rows of the split in earlier shards."""
+    same_bytes: bool
+    """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
+    train: Train
+    """What train has."""
+    parent: Shard | None = None
+    """The shard with the labyrinths that those of this one are made from."""
+    table_row: int | None = None
+    """The row of its first labyrinth in the table of labyrinths; None not to compare them."""
 
 
 class Problem(NamedTuple):
@@ -31,190 +62,239 @@ class Problem(NamedTuple):
     message: str
 
 
-class EpisodeRows(NamedTuple):
-    """The rows from one `episode_starts` to the next."""
+class Found(NamedTuple):
+    """The rows of one labyrinth in a file."""
 
-    begin: int
+    first: int
     """The number of the first row."""
-    rows: list[Row]
-    is_last: bool
-    """Whether the file ends with them."""
-
-    @property
-    def actions(self) -> list[int]:
-        """The actions of all rows."""
-        return [row.actions for row in self.rows]
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether the last row has no action, and all others have one."""
-        return self.rows[-1].actions == NO_ACTION and NO_ACTION not in self.actions[:-1]
+    info: str
+    """The text in the first row."""
+    picture: str
+    """The name of the first picture."""
+    rows: Iterator[Row]
 
 
-class CheckedLabyrinth(NamedTuple):
-    """What the rows of one labyrinth are."""
+class Remade(NamedTuple):
+    """A labyrinth that was made again."""
 
-    problems: list[Problem]
-    lengths: list[int]
-    """The number of rows of each episode."""
-    labyrinth: Labyrinth | None
-    """None if the text is not a labyrinth of the dataset."""
-    routes: list[list[int]]
-    """The actions of the episodes that could be replayed."""
-    rows: list[Row]
-    """The rows of these episodes, without pictures, but with the digests of those."""
+    number: int
+    """Its number in the split, or that of its parent in the parent's."""
+    parent: Labyrinth | None
+    info: str
+    """Its text."""
+    solution: Solution
 
 
-def episodes_of(rows: Iterable[Row]) -> Iterator[EpisodeRows]:
-    """Yield rows from one `episode_starts` to the next."""
-    begin, episode = 0, list[Row]()
-    for number, row in enumerate(rows):
-        if row.episode_starts and episode:
-            yield EpisodeRows(begin, episode, is_last=False)
-            begin, episode = number, []
-        episode.append(row)
-    if episode:
-        yield EpisodeRows(begin, episode, is_last=True)
+def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
+    """Yield the rows of a file up to the first that has a null, which is added to the problems."""
+    first = 0
+    for table in tables_of(file):
+        values = ("obs", "actions", "rewards", "episode_starts")
+        columns = [*(table[name].to_pylist() for name in values), _texts(table["info"])]
+        del table  # It holds the pictures a second time.
+        rows = zip(*columns, strict=True)
+        for number, (obs, action, paid, starts, info) in enumerate(rows, start=first):
+            picture = obs or {"bytes": None, "path": None}
+            row = Row(picture["bytes"], picture["path"], action, paid, starts, info, b"")
+            if None in row:
+                missing = next(name for name, value in row._asdict().items() if value is None)
+                column = missing.removesuffix("_path")
+                problems.append(Problem(number, column, "nothing there"))
+                return
+            yield row
+        first += len(columns[0])
 
 
-def check_labyrinth(
-    config: DatasetConfig,
-    split: str,
-    number: int,
-    text: str,
-    episodes: Iterable[EpisodeRows],
-    *,
-    same_bytes: bool,
-) -> CheckedLabyrinth:
-    """Return what the rows of a labyrinth are.
+def _texts(column: pa.ChunkedArray) -> list[str | None]:
+    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
+
+    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
+    """
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        return column.to_pylist()  # type: ignore[no-any-return]
+    found: list[str | None] = []
+    for chunk in column.chunks:
+        values = [*chunk.dictionary.to_pylist(), None]
+        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
+    return found
+
+
+def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:
+    """Yield the rows of each labyrinth, which have to be read before those of the next.
+
+    A labyrinth ends where the text changes, unless the next row alone has the new text and does not
+    begin an episode.
+    """
+
+    def numbered() -> Iterator[tuple[int, int, Row]]:
+        labyrinth, text = -1, None
+        for number, (row, following) in enumerate(pairwise(chain(rows, [None]))):
+            assert row is not None
+            if row.info != text:
+                is_next = following is not None and following.info == row.info
+                if text is None or row.episode_starts or is_next:
+                    labyrinth, text = labyrinth + 1, row.info
+            yield labyrinth, number, row
+
+    for _, group in groupby(numbered(), lambda each: each[0]):
+        _, first, row = next(group)
+        rest = (each for *_, each in group)  # noqa: B031
+        yield Found(first, row.info, row.obs_path, chain([row], rest))
+
+
+def made_again(
+    job: CheckJob, labyrinths: Iterator[Found], problems: list[Problem]
+) -> Iterator[tuple[Found, Remade]]:
+    """Yield the rows of each labyrinth, and what the build makes of its structure.
+
+    Texts of which nothing can be made, and labyrinths without a parent or that are missing, are
+    added to the problems.
+
+    Raises:
+        DatasetError: The shard of the parent cannot be read.
+    """
+    if job.parent is not None:
+        yield from _of_parent(job, job.parent, labyrinths, problems)
+        return
+    for number, found in enumerate(labyrinths, start=job.first):
+        try:
+            right = _remade(job, number, parse(found.info).structure)
+        except LabyrinthSyntaxError as error:
+            problems.append(Problem(found.first, "info", _no_labyrinth(error)))
+        except LabyrinthError as error:
+            problems.append(Problem(found.first, "info", one_line(error)))
+        else:
+            yield found, right
+
+
+def _of_parent(
+    job: CheckJob, parent: Shard, labyrinths: Iterator[Found], problems: list[Problem]
+) -> Iterator[tuple[Found, Remade]]:
+    """Do what `made_again` does, with the structures in the parent's shard.
+
+    A labyrinth is missing where the names of the next pictures have a higher number.
+    """
+    pattern = re.compile(rf"{job.shard.split}-(\d{{6,9}})-", re.ASCII)
+    found = next(labyrinths, None)
+    for number, structure in enumerate(_structures_of(job.folder, parent), start=job.first):
+        try:
+            right = _remade(job, number, structure)
+        except LabyrinthError:
+            continue  # The parent has no such variant.
+        named = pattern.match(found.picture) if found else None
+        if found is None or (named and int(named[1]) > number):
+            row = found.first if found else job.shard.rows
+            what = f"what labyrinth {number} of {parent.split} becomes is missing"
+            problems.append(Problem(row, "info", what))
+        else:
+            yield found, right
+            found = next(labyrinths, None)
+    others = chain([found] if found else [], labyrinths)
+    without = f"a labyrinth that is made from none of {parent.split}"
+    problems += (Problem(other.first, "info", without) for other in others)
+
+
+def _structures_of(folder: AnyPath, shard: Shard) -> Iterator[Structure]:
+    """Yield the structure of each labyrinth of a shard; raise DatasetError if it is damaged."""
+    with readable(folder / shard.path):
+        blocks = Part(folder, [shard]).rows(pictures=False)
+        infos = (rows.texts[n] for rows in blocks for n in rows.info[rows.episode_starts].tolist())
+        yield from (parse(info).structure for info, _ in groupby(infos))
+
+
+def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
+    """Return what the build makes of a structure.
+
+    Raises:
+        LabyrinthError: It makes nothing of the structure.
+    """
+    config, split = job.config, job.shard.split
+    if (structure.height, structure.width) != (config.height, config.width):
+        raise LabyrinthError(f"a labyrinth of {structure.height}x{structure.width}")
+    labyrinth, parent = labyrinth_and_parent(config, split, structure)
+    return Remade(number, parent, dump(labyrinth), solve(config, split, labyrinth))
+
+
+def differences(
+    job: CheckJob, found: Found, right: Remade, rows: Iterator[Row]
+) -> Iterator[Problem]:
+    """Yield what differs between the rows of a labyrinth and those that were made again.
+
+    The rules are checked of the labyrinth that was made, and of the one that is there if it is
+    another.
 
     Args:
-        config: The configuration of the dataset.
-        split: The split of the labyrinth.
-        number: The number of the labyrinth, which is part of the names of its pictures.
-        text: Its text.
-        episodes: Its episodes, at least one.
-        same_bytes: Whether pictures must be equal byte for byte.
+        job: The job.
+        found: The rows that are there.
+        right: The labyrinth that was made again.
+        rows: Its rows.
     """
-    problems: list[Problem] = []
-    lengths: list[int] = []
-    routes: list[list[int]] = []
-    checked: list[Row] = []
-    labyrinth, wrong = _parsed(config, text)
-    pictures = None if labyrinth is None else Pictures(labyrinth)
-    end: State | None = None
-    for episode in episodes:
-        begin, rows, _ = episode
-        if wrong and not lengths:
-            problems.append(Problem(begin, "info", wrong))
-        lengths.append(len(rows))
-        problems += _shape_problems(episode)
-        if labyrinth is None or pictures is None or not episode.is_whole:
-            continue
-        if end is not None and not is_terminal(labyrinth, end):
-            message = "an episode is cut before the last one of its labyrinth"
-            problems.append(Problem(begin - 1, "actions", message))
-        names = picture_names(split, number, len(routes), range(len(rows)))
-        found, shown, after = _replay(labyrinth, pictures, episode, names, same_bytes=same_bytes)
-        problems += found
-        checked += shown
-        if after is None:
-            continue
-        routes.append(episode.actions[:-1])
-        end = after
-    may_fail = split == "random" or config.noise > 0
-    if labyrinth is not None and end is not None and end.agent != labyrinth.goal and not may_fail:
-        last = begin + len(rows) - 1
-        problems.append(Problem(last, "actions", "the episode ends before the goal"))
-    return CheckedLabyrinth(problems, lengths, labyrinth, routes, checked)
+    config, split, solution = job.config, job.shard.split, right.solution
+    rules = partial(labyrinth_problems, config, split, parent=right.parent, train=job.train)
+    broken = [*rules(solution.labyrinth), *route_problems(config, split, solution)]
+    if found.info != right.info:
+        broken += _described(config, found.info, solution.labyrinth, rules)
+    yield from (Problem(found.first, "info", message) for message in dict.fromkeys(broken))
+    if found.info != right.info:
+        return
+    problems, count = list[Problem](), 0
+    for count, row in enumerate(found.rows, start=1):
+        its = next(rows, row)
+        if row[:-1] != its[:-1]:  # All but the digest of the picture.
+            wrong = _differing(row, its, same_bytes=job.same_bytes)
+            problems += (Problem(found.first + count - 1, *each) for each in wrong)
+    expected = sum(len(episode.states) for episode in solution.episodes)
+    if count != expected:
+        yield Problem(found.first, "actions", f"{count} rows, not {expected}")
+        # Rows after the first that differs do so because of that one.
+        problems = [problem for problem in problems if problem.row == problems[0].row]
+    yield from problems
 
 
-def _parsed(config: DatasetConfig, text: str) -> tuple[Labyrinth | None, str | None]:
-    """Return the labyrinth of a text, None if the dataset cannot have it, and what is wrong."""
+def _described(
+    config: DatasetConfig,
+    text: str,
+    right: Labyrinth,
+    rules: Callable[[Labyrinth], Iterable[str]],
+) -> Iterator[str]:
+    """Yield why a text is not that of the labyrinth that was made again."""
     try:
-        labyrinth = parse(text)
+        found = parse(text)
     except LabyrinthSyntaxError as error:
-        return None, f"not a labyrinth: {str(error).splitlines()[0]}"
-    if (labyrinth.size_name, labyrinth.task) != (f"{config.height}x{config.width}", config.task):
-        return None, f"a labyrinth of {labyrinth.size_name}, {labyrinth.task}"
-    return labyrinth, None if dump(labyrinth) == text else "not in the canonical form"
+        yield _no_labyrinth(error)
+        return
+    if found == right:
+        yield "not in the canonical form"
+    elif (found.size_name, found.task) != (right.size_name, config.task):
+        yield f"a labyrinth of {found.size_name}, {found.task}"
+    else:
+        yield "not the labyrinth that its structure gives with this seed"
+        yield from rules(found)
 
 
-def _shape_problems(episode: EpisodeRows) -> Iterator[Problem]:
-    """Yield where `episode_starts`, `info` and the last action do not make one whole episode."""
-    begin, rows, is_last = episode
-    if not rows[0].episode_starts:
-        yield Problem(begin, "episode_starts", "False in the first row of the file")
-    for number, row in enumerate(rows, start=begin):
-        if row.info != rows[0].info:
-            yield Problem(number, "info", "not the labyrinth that the episode began with")
-    if NO_ACTION in episode.actions[:-1]:
-        after = begin + episode.actions.index(NO_ACTION) + 1
-        yield Problem(after, "episode_starts", "False, but the row before ends an episode")
-    elif rows[-1].actions != NO_ACTION and is_last:
-        yield Problem(begin + len(rows) - 1, "actions", "the file ends before the episode does")
-    elif rows[-1].actions != NO_ACTION:
-        message = "True, but the episode before has not ended"
-        yield Problem(begin + len(rows), "episode_starts", message)
+def _no_labyrinth(error: LabyrinthSyntaxError) -> str:
+    return f"not a labyrinth: {str(error).splitlines()[0]}"
 
 
-def _replay(
-    labyrinth: Labyrinth,
-    pictures: Pictures,
-    episode: EpisodeRows,
-    names: list[str],
-    *,
-    same_bytes: bool,
-) -> tuple[list[Problem], list[Row], State | None]:
-    """Replay the actions of an episode; compare names, pictures and rewards in each state.
-
-    Returns:
-        The problems, the rows that were replayed as in `CheckedLabyrinth`, and the last state, None
-        if an action is impossible.
-    """
-    problems: list[Problem] = []
-    checked: list[Row] = []
-    state = initial(labyrinth)
-    for number, (row, name) in enumerate(zip(episode.rows, names, strict=True), episode.begin):
-        if row.obs_path != name:
-            message = f"its path is {row.obs_path!r:.99}, not {name}"
-            problems.append(Problem(number, "obs", message))
-        digest = pictures[state].digest
-        if row.obs != pictures[state].png:
-            wrong, digest = _other_picture(row.obs, labyrinth, state, digest)
-            if wrong is None and same_bytes:
-                wrong = "the right pixels, but not the encoder's bytes"
-            problems += [Problem(number, "obs", wrong)] if wrong else []
-        checked.append(row._replace(obs=b"", picture_digest=digest))
-        if row.actions == NO_ACTION:
-            if row.rewards != 0:
-                problems.append(Problem(number, "rewards", f"{row.rewards} after the last action"))
-            break
-        if not 0 <= row.actions < len(Action) or is_terminal(labyrinth, state):
-            known = 0 <= row.actions < len(Action)
-            message = "the episode had ended before" if known else f"{row.actions} is no action"
-            problems.append(Problem(number, "actions", message))
-            return problems, checked, None
-        state = transition(labyrinth, state, row.actions)
-        expected = np.float32(reward(labyrinth, state))
-        if np.float32(row.rewards) != expected:
-            message = f"{row.rewards}, but the step pays {expected}"
-            problems.append(Problem(number, "rewards", message))
-    return problems, checked, state
-
-
-def _other_picture(
-    png: bytes, labyrinth: Labyrinth, state: State, digest: bytes
-) -> tuple[str | None, bytes]:
-    """Return why a picture in other bytes does not show a state, and the digest of its pixels."""
-    try:
-        pixels = _decoded(png)
-    except ValueError as error:
-        return str(error), digest
-    if np.array_equal(pixels, render(labyrinth, state)):
-        return None, digest
-    digest = PictureDigest(strips_in(pixels)).digest({})
-    return "not the picture of the state that the actions lead to", digest
+def _differing(found: Row, right: Row, *, same_bytes: bool) -> Iterator[tuple[str, str]]:
+    """Yield the columns in which a row differs from the one that was made again, and how."""
+    if found.info != right.info:
+        yield "info", "not the labyrinth that the episode began with"
+    for name in ("obs_path", "actions", "rewards", "episode_starts"):
+        if (value := getattr(found, name)) != (its := getattr(right, name)):
+            yield name.removesuffix("_path"), f"{value!r:.99}, not {its!r}"
+    if found.obs != right.obs:
+        try:
+            digest = PictureDigest(strips_in(_decoded(found.obs))).digest({})
+        except ValueError as error:
+            yield "obs", str(error)
+            return
+        if digest != right.picture_digest:
+            yield "obs", "not the picture of the state that the actions lead to"
+        elif same_bytes:
+            yield "obs", "the right pixels, but not the encoder's bytes"
 
 
 def _decoded(png: bytes) -> NDArray[np.uint8]:

@@ -7,7 +7,6 @@ from itertools import chain, repeat
 from typing import NamedTuple
 
 from labyrinth_core.data.columns import NO_ACTION
-from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import State
@@ -23,18 +22,18 @@ DRAWN_AT_ONCE = 128
 
 
 def render(
-    split: str, number: int, episodes: list[Episode], *, at_once: int = DRAWN_AT_ONCE
+    split: str, number: int, info: str, episodes: list[Episode], *, at_once: int = DRAWN_AT_ONCE
 ) -> Iterator[list[Row]]:
     """Yield the rows of each episode of one labyrinth, those of a long one in parts.
 
     Args:
         split: The split of the labyrinth.
         number: The index of the labyrinth in the split.
+        info: The text of the labyrinth.
         episodes: At least one, all of the same labyrinth.
         at_once: The number of rows in each part.
     """
-    labyrinth = episodes[0].labyrinth
-    pictures, info = Pictures(labyrinth), dump(labyrinth)
+    pictures = Pictures(episodes[0].labyrinth)
     for place, episode in enumerate(episodes):
         states = episode.states
         actions = [*episode.actions.tolist(), NO_ACTION]

@@ -1,4 +1,4 @@
-"""The rules for the labyrinths of each split, and for the routes through them."""
+"""The rules for labyrinths of each split, and for routes, that hold whoever made them."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.grid import manhattan
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from labyrinth_core.world.solver import erring_route, moves_of
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import moves_of
 from labyrinth_core.world.tasks import tiles_matter
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
-from pipeline.generation.solve import acting_rng, all_routes
-from pipeline.generation.variants import start_and_goal, twin_problem
+from pipeline.generation.solve import Solution
+from pipeline.generation.variants import twin_problem
 
 
 def labyrinth_problems(
@@ -43,27 +43,13 @@ def labyrinth_problems(
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
         yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
-    if kind.parent is None:
-        yield from _end_problems(config, split, labyrinth)
-    elif parent is not None:
+    if parent is not None:
         yield from _relation_problems(config, kind, labyrinth, parent)
     if split in SELECTED_SHIFTS:
         measures = Measures(moves_of(labyrinth), structure.loops, structure.junctions)
         problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
         if problem is not None:
             yield problem
-
-
-def _end_problems(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Iterator[str]:
-    """Yield what is wrong with the ends of a labyrinth that is made from no other."""
-    try:
-        expected = start_and_goal(config, split, labyrinth.structure)
-    except LabyrinthError as error:
-        yield str(error)
-        return
-    if (labyrinth.start, labyrinth.goal) != expected:
-        varied = config.goals == "varied"
-        yield f"start and goal are not {'those of this seed' if varied else 'in the corners'}"
 
 
 def _relation_problems(
@@ -100,27 +86,17 @@ def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
     return min(least, max(manhattan(cell, stays, config.width) for cell in cells))
 
 
-def routes_problem(
-    config: DatasetConfig, split: str, labyrinth: Labyrinth, routes: list[list[int]]
-) -> str | None:
-    """Return what is wrong with the routes that a labyrinth has, None if nothing is.
+def route_problems(config: DatasetConfig, split: str, solution: Solution) -> Iterator[str]:
+    """Yield which rules the demonstrations of a labyrinth break.
 
-    Args:
-        config: The configuration, which says which routes are asked for.
-        split: The split of the labyrinth; in `random`, steps are counted instead.
-        labyrinth: The labyrinth.
-        routes: The routes of its episodes, in order.
+    Each route ends at the goal, and is as short as possible unless `solutions` is `all`. A random
+    policy and a demonstrator with noise have no such rules.
     """
-    if split == "random":
-        steps = sum(map(len, routes))
-        return None if steps == config.random_steps else f"{steps} random steps"
-    if config.noise:
-        if routes != [erring_route(labyrinth, config.noise, acting_rng(config, split, labyrinth))]:
-            return f"not the route of a demonstrator with noise {config.noise} and this seed"
-    elif config.solutions == "shortest":
-        lengths, best = [len(route) for route in routes], moves_of(labyrinth)
-        if lengths != [best]:
-            return f"routes of {', '.join(map(str, lengths))} moves, instead of one of {best}"
-    elif routes != (expected := all_routes(config, labyrinth)):
-        return f"{len(routes)} routes, not the {len(expected)} that the configuration asks for"
-    return None
+    if split == "random" or config.noise:
+        return
+    labyrinth, best = solution.labyrinth, moves_of(solution.labyrinth)
+    if any(episode.states[-1].agent != labyrinth.goal for episode in solution.episodes):
+        yield "an episode ends before the goal"
+    lengths = {len(episode) for episode in solution.episodes}
+    if config.solutions != "all" and lengths != {best}:
+        yield f"routes of {', '.join(map(str, sorted(lengths)))} moves, instead of {best}"

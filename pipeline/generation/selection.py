@@ -68,9 +68,8 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
 
 def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
     """Yield the cells of each route that train demonstrates in a labyrinth."""
-    for solution in solve(config, "train", [labyrinth]):
-        for episode in solution.episodes:
-            yield [state.agent for state in episode.states]
+    for episode in solve(config, "train", labyrinth).episodes:
+        yield [state.agent for state in episode.states]
 
 
 class Taken:

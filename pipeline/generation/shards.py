@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TypeVar
@@ -20,6 +21,7 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes, write_text
+from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.fingerprint import Row
@@ -112,15 +114,13 @@ def make_shard(job: ShardJob) -> Shard:
     def episodes() -> Iterator[list[Row]]:
         nonlocal cut
         batch = max(1, CELLS_PER_BATCH // (config.height * config.width))
-        for solution in batched(solve(config, split, batched(labyrinths(), batch)), batch):
+        solutions = map(partial(solve, config, split), batched(labyrinths(), batch))
+        for solution in batched(solutions, batch):
             number, parent = waiting.popleft()
+            info = dump(solution.labyrinth)
+            yield from render(split, number, info, solution.episodes)
+            facts.add(info, solution, parent)
             cut += config.is_cut(split, len(solution.episodes))
-            info = ""
-            for rows in render(split, number, solution.episodes):
-                info = rows[0].info
-                yield rows
-            routes = [episode.actions for episode in solution.episodes]
-            facts.add(solution.episodes[0].labyrinth, info, solution.shortest, routes, parent)
 
     with new_file(job.path, job.building) as path:
         shard = write(path, split, episodes())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import partial
 from typing import NamedTuple
 
@@ -23,32 +23,36 @@ from pipeline.generation.variants import ACTING, item_rng
 
 
 class Solution(NamedTuple):
-    """The episodes of one labyrinth."""
+    """The episodes of one labyrinth, at least one."""
 
     episodes: list[Episode]
     shortest: tuple[int, int]
     """How many moves a shortest route has, and how many such routes there are."""
 
+    @property
+    def labyrinth(self) -> Labyrinth:
+        """The labyrinth, which all episodes share."""
+        return self.episodes[0].labyrinth
 
-def solve(config: DatasetConfig, split: str, labyrinths: Iterable[Labyrinth]) -> Iterator[Solution]:
-    """Yield the episodes of each labyrinth, in order.
+
+def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
+    """Return the episodes of a labyrinth, in order.
 
     Args:
         config: The configuration, which says which routes are asked for.
-        split: The split of the labyrinths; in `random` a random policy acts instead.
-        labyrinths: The labyrinths to solve.
+        split: The split of the labyrinth; in `random` a random policy acts instead.
+        labyrinth: The labyrinth to solve.
     """
-    for labyrinth in labyrinths:
-        make_rng = partial(acting_rng, config, split, labyrinth)
-        if split == "random":
-            episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-        elif config.noise:
-            episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
-        elif config.solutions == "shortest":
-            episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
-        else:
-            episodes = [replay(labyrinth, route) for route in all_routes(config, labyrinth)]
-        yield Solution(episodes, moves_and_routes(labyrinth))
+    make_rng = partial(acting_rng, config, split, labyrinth)
+    if split == "random":
+        episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+    elif config.noise:
+        episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
+    elif config.solutions == "shortest":
+        episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
+    else:
+        episodes = [replay(labyrinth, route) for route in all_routes(config, labyrinth)]
+    return Solution(episodes, moves_and_routes(labyrinth))
 
 
 def acting_rng(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> np.random.Generator:

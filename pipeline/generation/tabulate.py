@@ -6,7 +6,7 @@ a build that was stopped need not solve a labyrinth again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,6 +21,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import count_optimal
+from pipeline.generation.solve import Solution
 from pipeline.generation.write import arrow_schema, value_array
 from pipeline.inspection.near_twins import passage_table
 
@@ -54,24 +55,17 @@ class FactsOfShard:
         self._rows: list[tuple[int, ...]] = []
         self._structures: list[Structure] = []
 
-    def add(
-        self,
-        labyrinth: Labyrinth,
-        info: str,
-        shortest: tuple[int, int],
-        routes: Sequence[Sequence[int] | NDArray[np.int8]],
-        parent: Labyrinth | None,
-    ) -> None:
+    def add(self, info: str, solution: Solution, parent: Labyrinth | None) -> None:
         """Add a labyrinth.
 
         Args:
-            labyrinth: The labyrinth.
             info: Its text.
-            shortest: How many moves a shortest route has, and how many such routes there are.
-            routes: The actions of each episode.
+            solution: Its episodes.
             parent: The labyrinth that it was made from, None if it has no parent.
         """
-        moves, optimal_routes = shortest
+        labyrinth = solution.labyrinth
+        moves, optimal_routes = solution.shortest
+        routes = [episode.actions for episode in solution.episodes]
         own_id = int(labyrinth_id(info), 16)
         parent_id = NOTHING if parent is None else own_id
         if parent is not None and parent != labyrinth:
@@ -108,9 +102,8 @@ class FactsOfShard:
         return facts
 
 
-def _turns(actions: Sequence[int] | NDArray[np.int8]) -> int:
-    taken = bytes(actions)
-    return sum(one != other for one, other in pairwise(taken))
+def _turns(actions: NDArray[np.int8]) -> int:
+    return sum(one != other for one, other in pairwise(bytes(actions)))
 
 
 def _ways(passages: NDArray[np.bool_], height: int, width: int) -> NDArray[np.int8]:

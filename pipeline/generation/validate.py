@@ -1,28 +1,46 @@
-"""The validation of a finished dataset: each row is replayed, and shards are compared.
+"""The validation of a finished dataset: each labyrinth is made again, and its rows are compared.
 
-`check_shard` compares the rows of one shard with those of its parent, and with the table of
-labyrinths. Here shards are compared: no structure is in two splits, and there are as many
+The functions of the build make the rows from the structure in their text, or from that in the shard
+of the parent. The file must hold these rows: byte for byte, or pixel for pixel if the libraries are
+not those of the manifest; and the table of labyrinths must hold what they give. `rules` says what
+must hold of a labyrinth whoever made it. No structure is in two splits, and there are as many
 labyrinths as asked for.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from itertools import groupby
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import chain, groupby
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.rows import footer_problem, open_shard, read_schema
 from labyrinth_core.data.splits import SHIFTS, SPLITS
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import questions_config
 from pipeline.config.run import Run
-from pipeline.generation.check_shard import CheckJob, ShardReport, check_shard
-from pipeline.generation.check_table import table_file_problems
+from pipeline.generation.check_rows import (
+    CheckJob,
+    Problem,
+    differences,
+    labyrinths_of,
+    made_again,
+    rows_of,
+)
+from pipeline.generation.check_table import table_file_problems, table_problems
+from pipeline.generation.fingerprint import Fingerprint, Row
 from pipeline.generation.questions import question_problems
+from pipeline.generation.render import render
 from pipeline.generation.shifts import Train, selected_shifts, train_of
+from pipeline.generation.tabulate import FactsOfShard
+from pipeline.generation.write import arrow_schema
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
@@ -63,6 +81,17 @@ def run(run: Run) -> None:
         say(f"{run.data_dir / questions_config(run.dataset.name)} is valid: {asked:,} questions.")
 
 
+@dataclass(frozen=True)
+class ShardReport:
+    """The problems and the structures of one shard."""
+
+    shard: Shard
+    problems: list[str]
+    structures: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
+    """The id of the structure of each labyrinth, and its first row: shape (labyrinths, 2). There
+    may be millions."""
+
+
 def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
     """Return what is wrong with a dataset, one line for each problem.
 
@@ -87,6 +116,73 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         if SPLITS[report.shard.split].parent is None:
             own.append(report)
     return [*problems, *_repeated(own), *_miscounted(manifest)]
+
+
+def check_shard(job: CheckJob) -> ShardReport:
+    """Return what is wrong with one shard, and where its structures are."""
+    import pyarrow as pa
+
+    path = job.shard.path
+    try:
+        with local_copy(job.folder / path) as local:
+            if not read_schema(local).equals(arrow_schema(), check_metadata=False):
+                return ShardReport(job.shard, [f"{path}: its columns are not the five"])
+            with open_shard(local) as file:
+                if problem := footer_problem(file, job.shard.rows):
+                    return ShardReport(job.shard, [f"{path}: {problem}"])
+                return _compared(job, file, local)
+    except FileNotFoundError:
+        return ShardReport(job.shard, [f"{path} is missing"])
+    except MemoryError:  # Of Arrow, too; nothing is wrong with the file.
+        raise
+    except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
+        return ShardReport(job.shard, [f"{path} cannot be read: {one_line(error)}"])
+
+
+def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
+    """Compare the rows of a file with those that are made again, and with its manifest."""
+    config, shard, fingerprint = job.config, job.shard, Fingerprint()
+    facts, structures = FactsOfShard(shard.split), list[tuple[int, int]]()
+    problems, unreadable = list[Problem](), list[str]()
+    longest = cut = 0
+
+    def noted(part: list[Row]) -> list[Row]:
+        fingerprint.update(part)
+        return part
+
+    try:
+        for found, right in made_again(job, labyrinths_of(rows_of(file, problems)), problems):
+            solution, episodes = right.solution, right.solution.episodes
+            parts = map(noted, render(shard.split, right.number, right.info, episodes))
+            problems += differences(job, found, right, chain.from_iterable(parts))
+            structures.append((int(solution.labyrinth.structure.structure_id, 16), found.first))
+            facts.add(right.info, solution, right.parent)
+            longest = max(longest, *map(len, episodes))
+            cut += config.is_cut(shard.split, len(episodes))
+    except DatasetError as error:
+        assert job.parent is not None
+        why = f"{job.parent.path}, which cannot be read: {one_line(error)}"
+        unreadable.append(f"{shard.path} cannot be compared with {why}")
+    lines = [f"{shard.path} row {row} {column}: {what}" for row, column, what in problems]
+    lines += unreadable
+    known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
+    array = facts.array()
+    if not lines:  # What else the manifest says of rows that are wrong is not known.
+        rows, episodes_there = (int(array[name].sum()) for name in ("rows", "episodes"))
+        known |= {"rows": rows, "longest": longest, "cut": cut, "episodes": episodes_there}
+        known |= {"labyrinths": len(array), "fingerprint": fingerprint.hexdigest()}
+    lines += _otherwise(shard, known)
+    if job.table_row is not None and not lines:
+        table = job.table_row, job.first_row
+        lines += table_problems(job.folder, config, shard.split, array, *table)
+    return ShardReport(shard, lines, np.array(structures, np.int64).reshape(-1, 2))
+
+
+def _otherwise(shard: Shard, known: Mapping[str, int | str]) -> Iterator[str]:
+    """Yield what the manifest says of a shard that is not so."""
+    for name, value in known.items():
+        if value != (expected := getattr(shard, name)):
+            yield f"{shard.path}: {name} {value}, but the manifest says {expected}"
 
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:

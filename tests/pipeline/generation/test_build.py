@@ -25,7 +25,7 @@ from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import Run
@@ -174,12 +174,13 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     whole = Manifest.read(small_dataset.folder)
     (shard,) = whole.of("random")
     train = unpack(config, sample(config).structures["train"])
-    labyrinths = (labyrinth_of(config, "random", each) for each in train)
-    solutions = enumerate(solve(config, "random", labyrinths))
+    labyrinths = [labyrinth_of(config, "random", each) for each in train]
     parts = (
         part
-        for number, solution in solutions
-        for part in render.render("random", number, solution.episodes, at_once=3)
+        for n, each in enumerate(labyrinths)
+        for part in render.render(
+            "random", n, dump(each), solve(config, "random", each).episodes, at_once=3
+        )
     )
     written = write.write(folder / shard.path, "random", parts, group_bytes=20_000)
     divided = replace(written, labyrinths=shard.labyrinths)

@@ -34,9 +34,11 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
 from pipeline.generation import tabulate
+from pipeline.generation.solve import Solution
 
 pytestmark = pytest.mark.slow
 
@@ -122,7 +124,8 @@ def test_routes_more_than_fit_are_as_many_as_fit() -> None:
     moves, routes = moves_and_routes(labyrinth)
     assert (moves, routes) == (78, comb(78, 39))
     facts = tabulate.FactsOfShard("train")
-    facts.add(labyrinth, dump(labyrinth), (moves, routes), [[0] * 39 + [1] * 39], 1, None)
+    episode = replay(labyrinth, [0] * 39 + [1] * 39)
+    facts.add(dump(labyrinth), Solution([episode], (moves, routes)), None)
     (fact,) = facts.array()
     assert fact["optimal_routes"] == MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
@@ -136,7 +139,7 @@ def test_shards_and_row_groups_may_end_anywhere(
     manifest = Manifest.read(folder)
     facts = tabulate.FactsOfShard("train")
     for info in dict.fromkeys(row["info"] for row in read_rows(folder / manifest.shards[0].path)):
-        facts.add(parse(info), info, (4, 1), [[0, 0, 1, 1]], 1, None)
+        facts.add(info, Solution([replay(parse(info), [0, 0, 1, 1])], (4, 1)), None)
     parts = [(shard, facts.array()[: shard.labyrinths]) for shard in manifest.shards]
     path = tmp_path / "table.parquet"
     tabulate.write_table(path, manifest.config, parts, group_rows=5)

@@ -30,7 +30,7 @@ from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.generation import check_shard as checking
+from pipeline.generation import validate as checking
 from pipeline.generation.write import arrow_schema
 
 # A file that is not read, as its footer shows that it is not ours.
