@@ -1,4 +1,4 @@
-# One word a chore; `just` lists them.
+# One word for each maintenance command; `just` lists them.
 
 default:
     @just --list

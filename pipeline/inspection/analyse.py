@@ -127,7 +127,7 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         yield from found.problems[1:LEAKS_SHOWN]
         raise DatasetError(
             f"{len(found.problems):,} labyrinths or files could not be read, and are not in the "
-            f"certificate; {path} lists them all; the first: {found.problems[0]}"
+            f"analysis; {path} lists them all; the first: {found.problems[0]}"
         )
 
 
