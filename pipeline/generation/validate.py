@@ -40,7 +40,7 @@ from pipeline.generation.questions import question_problems
 from pipeline.generation.render import render
 from pipeline.generation.shifts import Train, selected_shifts, train_of
 from pipeline.generation.tabulate import FactsOfShard
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.write import arrow_schema, no_garbage_collection
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
@@ -127,7 +127,7 @@ def check_shard(job: CheckJob) -> ShardReport:
         with local_copy(job.folder / path) as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not the five"])
-            with open_shard(local) as file:
+            with open_shard(local) as file, no_garbage_collection():
                 if problem := footer_problem(file, job.shard.rows):
                     return ShardReport(job.shard, [f"{path}: {problem}"])
                 return _compared(job, file, local)

@@ -79,7 +79,7 @@ def write(
     fingerprint = Fingerprint()
     rows = count = length = longest = 0
     with (
-        _no_garbage_collection(),
+        no_garbage_collection(),
         pq.ParquetWriter(path, written_schema(), **WRITER_OPTIONS) as writer,
     ):
         writer.add_key_value_metadata(arrow_schema().metadata)
@@ -115,7 +115,7 @@ def write(
 
 
 @contextmanager
-def _no_garbage_collection() -> Iterator[None]:
+def no_garbage_collection() -> Iterator[None]:
     """Switch the garbage collector off; rows hold no reference cycles.
 
     Collecting garbage costs 5% of a build (1,500 labyrinths at 5x5, CPU time): each collection
