@@ -256,14 +256,14 @@ class Stream(Generic[Item]):
                 held = 0
             parts[-1] += units[unit]
             held += cost[unit]
-        return [sorted(groups) for groups in parts]
+        return parts
 
     def _read(
         self, file: ParquetFile, number: int, groups: list[int], at: Mapping[str, Any]
     ) -> Iterator[Item]:
         """Yield the items of row groups, in random order if the stream is shuffled."""
         spec, part = self._spec, self._part
-        blocks = part.rows_of(file, number, groups, pictures=spec.decodes)
+        blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
         items = self._items_of(episodes_of(blocks, spec, part.config))
         if not self._order.buffer:
             yield from items
