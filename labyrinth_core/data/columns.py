@@ -13,6 +13,9 @@ NO_ACTION = -1
 GROUP_BYTES = 64 << 20
 """The bytes of pictures after which a row group ends, within an episode if need be.
 
+Bytes are estimated from the last picture; a group of less than a quarter ends with an episode. A
+shard ends with a labyrinth. Streams rely on both.
+
 The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
 group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
 """

@@ -1,29 +1,22 @@
-"""A split or some labyrinths of it: all their rows, or the episodes that begin in row groups."""
+"""A split or some labyrinths of it: their rows, and the units of row groups that hold them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.columns import GROUP_BYTES
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import (
-    BATCH_ROWS,
-    Rows,
-    columns_read,
-    opened,
-    opened_in_place,
-    rows_of_table,
-    rows_together,
-)
+from labyrinth_core.data.rows import Rows, opened, opened_in_place, rows_together
 from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
 from labyrinth_core.world.grid import whole
@@ -32,17 +25,16 @@ if TYPE_CHECKING:
     from pyarrow.compute import Expression
     from pyarrow.parquet import ParquetFile
 
+FULL = GROUP_BYTES // 4
+"""A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
+
 Filter: TypeAlias = "Expression"
 """A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A split, or some labyrinths of it.
-
-    A row group begins and ends with an episode, unless an episode is too long for one. Such an
-    episode is read with the row group that it begins in, and no other.
-    """
+    """A split, or some labyrinths of it."""
 
     folder: AnyPath
     shards: Sequence[Shard]
@@ -53,6 +45,8 @@ class Part:
     """Where the shards are that the folder does not hold; None if it holds all that are needed."""
     config: DatasetConfig | None = None
     """The dataset, if it is known; see `replayed`."""
+    whole: Wanted | None = None
+    """The whole split, whose table `units` may need."""
 
     def __len__(self) -> int:
         """Return the number of its rows."""
@@ -73,18 +67,48 @@ class Part:
         """
         for number in self.held():
             with self.opened(number) as file:
-                ends = self.group_rows(file, number)
-                groups = np.flatnonzero(np.diff(self.kept_before(ends))).tolist()
-                blocks = rows_together(file, groups, pictures=pictures)
-                if self.kept is None:
-                    yield from blocks
-                    continue
-                kept = np.concatenate([self.kept[ends[n] : ends[n + 1]] for n in groups])
-                first = 0
-                for rows in blocks:
-                    end = first + len(rows.actions)
-                    yield rows.take(np.flatnonzero(kept[first:end]))
-                    first = end
+                groups = range(file.num_row_groups)
+                yield from self.rows_of(file, number, groups, pictures=pictures)
+
+    def rows_of(
+        self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
+    ) -> Iterator[Rows]:
+        """Yield its rows in row groups of a shard, given the opened file and the shard's number."""
+        ends = self.group_rows(file, number)
+        counts = np.diff(self.kept_before(ends))
+        groups = [group for group in groups if counts[group]]
+        blocks = rows_together(file, groups, pictures=pictures)
+        if self.kept is None or not groups:
+            yield from blocks
+            return
+        first, kept = 0, np.concatenate([self.kept[ends[n] : ends[n + 1]] for n in groups])
+        for rows in blocks:
+            end = first + len(rows.actions)
+            yield rows.take(np.flatnonzero(kept[first:end]))
+            first = end
+
+    def units(self, file: ParquetFile, number: int) -> tuple[list[range], NDArray[np.int64]]:
+        """Divide a shard into units, each of the fewest row groups that no episode leaves.
+
+        Returns:
+            The row groups of each unit, and how many of its rows are kept.
+        """
+        ends = self.group_rows(file, number)
+        sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 2)]
+        whole = np.array(sizes) < FULL
+        if not whole.all():
+            whole |= self._begins[ends[1:-1]]
+        cuts = np.array([0, *(np.flatnonzero(whole) + 1), len(ends) - 1])
+        return [*map(range, cuts[:-1], cuts[1:])], np.diff(self.kept_before(ends[cuts]))
+
+    @cached_property
+    def _begins(self) -> NDArray[np.bool_]:
+        """Whether each row of the split is the first of a labyrinth, from the table."""
+        assert self.whole is not None
+        begins = np.zeros(self.first_rows()[-1], np.bool_)
+        manifest = Manifest.read(self.whole.locate([]))
+        begins[_row_ranges(self.whole, manifest)[:, 0]] = True
+        return begins
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Open a shard; an error within means that it cannot be read."""
@@ -108,74 +132,6 @@ class Part:
             return rows
         count = np.append(0, np.cumsum(self.kept))
         return count[np.minimum(rows, len(self.kept))]
-
-    def read(
-        self, file: ParquetFile, number: int, groups: Sequence[int], row: int, *, pictures: bool
-    ) -> Iterator[Rows]:
-        """Yield the rows of the episodes that begin in consecutive row groups.
-
-        Args:
-            file: The shard that they are in, opened.
-            number: Its number.
-            groups: The numbers of the row groups in it.
-            row: The number in the split of their first row.
-            pictures: Whether to read the pictures.
-        """
-        begun = ended = False
-        for rows in _blocks(file, groups, pictures=pictures):
-            starts = np.flatnonzero(rows.episode_starts)
-            skipped = 0
-            if not begun and not rows.episode_starts[0]:
-                begun = self._ends_before(file, number, groups[0])  # Then the rows are damaged.
-                skipped = 0 if begun else int([*starts, len(rows.actions)][0])
-            if skipped < len(rows.actions):
-                begun, ended = True, bool(rows.actions[-1] == NO_ACTION)
-                yield self._kept(rows.take(slice(skipped, None)), row + skipped)
-            row += len(rows.actions)
-        if not begun or ended:
-            return
-        for rows in self._after(file, number, groups[-1] + 1, pictures=pictures):
-            starts = np.flatnonzero(rows.episode_starts)
-            rest = rows.take(slice(int([*starts, len(rows.actions)][0])))
-            yield self._kept(rest, row)
-            row += len(rest.actions)
-            if len(starts) or rest.actions[-1] == NO_ACTION:
-                return
-
-    def _kept(self, rows: Rows, first: int) -> Rows:
-        """Return those rows that are kept, given the number in the split of the first."""
-        if self.kept is None:
-            return rows
-        return rows.take(np.flatnonzero(self.kept[first : first + len(rows.actions)]))
-
-    def _ends_before(self, file: ParquetFile, number: int, group: int) -> bool:
-        """Return whether an episode ends before a row group, or the split begins with it."""
-        if group:
-            last = file.read_row_group(group - 1, ["actions"])["actions"][-1].as_py()
-            return bool(last == NO_ACTION)
-        if number == 0:
-            return True
-        with self.opened(number - 1) as before:
-            return self._ends_before(before, number - 1, before.num_row_groups)
-
-    def _after(
-        self, file: ParquetFile, number: int, group: int, *, pictures: bool
-    ) -> Iterator[Rows]:
-        """Yield the rows from a row group of a shard on, to the end of the split."""
-        for each in range(group, file.num_row_groups):
-            yield from _blocks(file, [each], pictures=pictures)
-        for later in range(number + 1, len(self.shards)):
-            with self.opened(later) as other:
-                for each in range(other.num_row_groups):
-                    yield from _blocks(other, [each], pictures=pictures)
-
-
-def _blocks(file: ParquetFile, groups: Sequence[int], *, pictures: bool) -> Iterator[Rows]:
-    """Yield the rows of row groups, few enough at once for any length of a picture."""
-    import pyarrow as pa
-
-    for batch in file.iter_batches(BATCH_ROWS, groups, columns_read(pictures)):
-        yield rows_of_table(pa.Table.from_batches([batch]), pictures=pictures)
 
 
 @dataclass(frozen=True)
@@ -210,11 +166,13 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
         return Part(folder, manifest.of(wanted.split), config=manifest.config)
     folder = wanted.locate([])
     manifest = Manifest.read(folder)
-    part = Part(folder, manifest.of(wanted.split), config=manifest.config)
+    whole = replace(wanted, labyrinths=None, where=None)
+    part = Part(folder, manifest.of(wanted.split), config=manifest.config, whole=whole)
     if local_folder(wanted.source, wanted.config, wanted.revision) is None:
         commit = folder.parent.name
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
-        part = replace(part, place=place)
+        # What is read later is of the same commit.
+        part = replace(part, place=place, whole=replace(whole, revision=commit))
     part = replace(part, kept=_kept(wanted, part, manifest))
     if in_place:
         return part

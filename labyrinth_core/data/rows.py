@@ -149,15 +149,11 @@ def rows_together(
 ) -> Iterator[Rows]:
     """Yield the rows of row groups, without pictures those of `TOGETHER` row groups at once."""
     together = 1 if pictures else TOGETHER
-    tables = tables_of(file, columns_read(pictures), groups, together=together)
+    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
+    tables = tables_of(file, columns, groups, together=together)
     blocks = (rows_of_table(table, pictures=pictures) for table in tables)
     while some := list(islice(blocks, together)):
         yield joined(some)
-
-
-def columns_read(pictures: bool) -> list[str]:
-    """Return the names of the columns that rows are read from."""
-    return [*TYPES, "obs.bytes"] if pictures else [*TYPES]
 
 
 @contextmanager

@@ -16,16 +16,17 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import chain, islice
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.loader import episodes_of
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.part import Filter, Part, Wanted, find_part
-from labyrinth_core.data.rows import TOGETHER, Rows, joined
+from labyrinth_core.data.rows import TOGETHER
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.grid import whole
@@ -94,7 +95,7 @@ class Stream(Generic[Item]):
         items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
         order: Order,
     ) -> None:
-        self._found, self._spec, self._items_of, self._order = part, spec, items_of, order
+        self._part, self._spec, self._items_of, self._order = part, spec, items_of, order
         self._epoch: Any = np.zeros((), np.int64)
         self._at: dict[str, Any] | None = None
         self._loaded = False
@@ -179,9 +180,9 @@ class Stream(Generic[Item]):
 
     def _name(self) -> str:
         """Return a hash of all that the order and the share of this process depend on."""
-        kept = self._found.kept
+        kept = self._part.kept
         parts = [
-            *(shard.sha256 for shard in self._found.shards),
+            *(shard.sha256 for shard in self._part.shards),
             None if kept is None else hashlib.sha256(np.packbits(kept).tobytes()).hexdigest(),
             *(self._spec.decodes, self._order.buffer, self._order.seed, self._items_of.__name__),
             self._share(),
@@ -198,22 +199,27 @@ class Stream(Generic[Item]):
     def _random(self, at: Mapping[str, Any], *more: int) -> np.random.Generator:
         return np.random.default_rng([self._order.seed, at["epoch"], *more])
 
+    def _permutation(self, count: int, at: Mapping[str, Any], *more: int) -> NDArray[np.int64]:
+        """Return the order of some things in an epoch, random if the stream is shuffled."""
+        if not self._order.buffer:
+            return np.arange(count)
+        return self._random(at, *more).permutation(count)
+
     def _items(self, at: dict[str, Any]) -> Iterator[Item]:
         """Yield items from a place on, and keep the place up to date."""
-        found, (share, shares) = self._found, self._share()
-        ends = found.kept_before(found.first_rows())
-        total, rows = int(ends[-1]), np.diff(ends)
+        part, (share, shares) = self._part, self._share()
+        rows = np.diff(part.kept_before(part.first_rows()))
+        total = int(rows.sum())
         own = range(total * share // shares, total * (share + 1) // shares)
-        order = np.arange(len(rows))
-        if self._order.buffer:
-            self._random(at).shuffle(order)
-        before = np.cumsum(rows[order]) - rows[order]
+        order = self._permutation(len(rows), at)
+        ends = np.cumsum(rows[order]).tolist()
         for place, number in islice(enumerate(order.tolist()), at["shard"], None):
-            first = int(before[place])
-            if first < own.stop and first + rows[number] > own.start:
-                with found.opened(number) as file:
-                    for part in self._parts(file, number, first, own, at)[at["part"] :]:
-                        for item in islice(self._read(file, number, part, at), at["item"], None):
+            first = ends[place] - int(rows[number])
+            if first < own.stop and ends[place] > own.start:
+                with part.opened(number) as file:
+                    for groups in self._parts(file, number, first, own, at)[at["part"] :]:
+                        items = self._read(file, number, groups, at)
+                        for item in islice(items, at["item"], None):
                             at["item"] += 1
                             yield item
                         at.update(part=at["part"] + 1, item=0)
@@ -231,48 +237,40 @@ class Stream(Generic[Item]):
             own: The numbers in this order of the rows that are this process's.
             at: The place, with the number of the epoch.
         """
-        rows = np.diff(self._found.kept_before(self._found.group_rows(file, number)))
-        order, cost, limit = np.arange(len(rows)), rows, self._order.buffer
-        if self._order.buffer:
-            self._random(at, number).shuffle(order)
-        elif self._spec.decodes:
-            sizes = [file.metadata.row_group(group).total_byte_size for group in order.tolist()]
-            cost, limit = np.array(sizes), TOGETHER_BYTES
-        else:
-            cost, limit = np.ones_like(rows), TOGETHER
-        # A group is whose the row in its middle is.
+        units, rows = self._part.units(file, number)
+        order = self._permutation(len(units), at, number)
+        # A unit is whose the row in its middle is.
         middle = before + np.cumsum(rows[order]) - (rows[order] + 1) // 2
+        mine = (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
+        cost, limit = rows.tolist(), self._order.buffer
+        if not limit and self._spec.decodes:
+            sizes = [file.metadata.row_group(n).total_byte_size for n in range(file.num_row_groups)]
+            cost, limit = [sum(sizes[unit.start : unit.stop]) for unit in units], TOGETHER_BYTES
+        elif not limit:
+            cost, limit = [len(unit) for unit in units], TOGETHER
         parts: list[list[int]] = []
         held = limit
-        for group in order[
-            (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
-        ].tolist():
-            if held + cost[group] > limit:
+        for unit in order[mine].tolist():
+            if held + cost[unit] > limit:
                 parts.append([])
                 held = 0
-            parts[-1].append(group)
-            held += cost[group]
+            parts[-1] += units[unit]
+            held += cost[unit]
         return parts
 
     def _read(
-        self, file: ParquetFile, number: int, part: list[int], at: Mapping[str, Any]
+        self, file: ParquetFile, number: int, groups: list[int], at: Mapping[str, Any]
     ) -> Iterator[Item]:
         """Yield the items of row groups, in random order if the stream is shuffled."""
-        found, spec, groups = self._found, self._spec, np.sort(part)
-        first_rows = found.group_rows(file, number)
-        runs = np.split(groups, np.flatnonzero(np.diff(groups) != 1) + 1)
-        blocks: Iterable[Rows] = chain.from_iterable(
-            found.read(file, number, run.tolist(), int(first_rows[run[0]]), pictures=spec.decodes)
-            for run in runs
-        )
-        if not spec.decodes:  # Many texts are parsed in less time together.
-            blocks = [joined(some)] if (some := list(blocks)) else []
-        items = self._items_of(episodes_of(blocks, spec, found.config))
+        spec, part = self._spec, self._part
+        blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
+        items = self._items_of(episodes_of(blocks, spec, part.config))
         if not self._order.buffer:
-            return items
-        every = list(items)
-        shuffled = self._random(at, number, 1 + part[0]).permutation(len(every))
-        return map(every.__getitem__, shuffled.tolist())
+            yield from items
+            return
+        random = self._random(at, number, 1 + groups[0])
+        while some := [*islice(items, self._order.buffer)]:
+            yield from map(some.__getitem__, random.permutation(len(some)).tolist())
 
 
 def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:

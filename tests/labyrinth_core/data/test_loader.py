@@ -6,7 +6,9 @@ import shutil
 import socket
 import subprocess
 import sys
+from collections import Counter
 from inspect import signature
+from itertools import islice
 
 import huggingface_hub
 import numpy as np
@@ -16,6 +18,7 @@ import pytest
 from datasets import load_dataset
 from tampering import episode_rows, put_shards
 
+from labyrinth_core.data import part
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.loader import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
@@ -130,7 +133,51 @@ def test_files_and_batches_may_end_in_the_middle_of_an_episode(
     options = {"split": "random", "image_size": 16}
     expected = list(load_episodes(data_dir, "3x3", **options))
     assert_same_episodes(load_episodes(other, "3x3", **options), expected)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rows_a_group", [1, 9])
+def test_streams_join_row_groups_that_end_in_the_middle_of_an_episode(
+    data_dir, tmp_path, monkeypatch, rows_a_group
+):
+    monkeypatch.setattr(part, "FULL", 0)
+    other = divided(data_dir, tmp_path / "divided", rows_a_file=10**6, rows_a_group=rows_a_group)
+    options = {"split": "random", "image_size": 16}
+    expected = list(load_episodes(data_dir, "3x3", **options))
     assert_same_episodes(stream_episodes(other, "3x3", **options), expected)
+
+
+@pytest.fixture(scope="module")
+def long_episodes(build, tmp_path_factory):
+    """A dataset with episodes of 4,000 moves, which are cut between row groups of 64 MiB."""
+    options = {"size": "100x100", "sampler": "depth_first", "labyrinths": 2, "random_steps": 4000}
+    return build(tmp_path_factory.mktemp("long"), **options).data_dir
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("shuffle", [False, True, 1000])
+def test_episodes_that_leave_their_row_group_are_streamed_once_and_resumed(long_episodes, shuffle):
+    (path,) = shards_of(long_episodes, "100x100", "random")
+    with pq.ParquetFile(path) as file:
+        groups = [file.read_row_group(n, ["actions"]) for n in range(file.num_row_groups)]
+    assert any(group["actions"][-1].as_py() != -1 for group in groups)
+
+    def stream(rank):
+        shared = {"shuffle": shuffle, "rank": rank, "world_size": 2}
+        return stream_transitions(long_episodes, "100x100", **options, **shared)
+
+    def keys(steps):
+        return [(s.tobytes(), action, s_next.tobytes()) for s, action, s_next in steps]
+
+    options, met = {"split": "random", "image_size": 8}, Counter()
+    for rank in range(2):
+        whole, begun, resumed = keys(stream(rank)), stream(rank), stream(rank)
+        first = keys(islice(begun, len(whole) // 3))
+        resumed.load_state_dict(begun.state_dict())
+        assert first + keys(resumed) == whole
+        met.update(whole)
+    loaded = load_transitions(long_episodes, "100x100", cache_dir=False, **options)
+    assert met == Counter(keys(loaded))
 
 
 def test_a_file_that_another_build_left_is_read_in_no_way(small_dataset, tmp_path):

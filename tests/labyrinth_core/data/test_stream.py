@@ -33,6 +33,7 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
+from labyrinth_core.data import part
 from labyrinth_core.data import stream as streaming
 from labyrinth_core.data.loader import episodes_of
 from labyrinth_core.data.manifest import Manifest
@@ -69,6 +70,12 @@ def groups_of(table, rows):
 def no_torchrun(monkeypatch):
     for name in ("RANK", "WORLD_SIZE"):
         monkeypatch.delenv(name, raising=False)
+
+
+@pytest.fixture(autouse=True)
+def small_groups_may_end_within_episodes(monkeypatch):
+    """As large ones do, those of 64 MiB, which would take long to make."""
+    monkeypatch.setattr(part, "FULL", 0)
 
 
 @contextmanager
