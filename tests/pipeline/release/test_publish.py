@@ -239,9 +239,9 @@ def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs
     lines = dry(local_hub, releasable)
     assert not local_hub.has(REPO)
     new = f"{REPO} (to be created, public)"
-    assert lines[-1].startswith(f"{new}: 19 files to add (0.3")
+    assert lines[-1].startswith(f"{new}: 16 files to add (0.2")
     assert lines[-1].endswith("the tag 1.1.0 is to be made.")
-    assert len(plan(lines, "add")) == 19
+    assert len(plan(lines, "add")) == 16
 
     names = ("notes.txt", "3x3/data-00000-of-00009.parquet")
     theirs = [released_hub.commit(REPO, path, b"mine") for path in names]

@@ -32,8 +32,7 @@ TOYS: dict[str, dict[str, Any]] = {
 }
 """Method -> settings with which it learns the toy problem in about a second, from vectors."""
 
-PEERS = tuple(f"scripts.studies.methods.{name}:Method" for name in ("vin", "walls"))
-OTHERS = ("mapper", "planner", *PEERS)
+OTHERS = ("mapper", "planner")
 """The methods that have tests of their own."""
 
 ALL = pytest.mark.parametrize("name", list(TOYS))
@@ -54,7 +53,7 @@ def hasty(name: str, problem: Problem) -> Learner:
 
 
 def test_each_method_is_tried_here_and_says_what_its_settings_mean() -> None:
-    assert {*METHODS} == {*TOYS, *OTHERS} - {*PEERS}
+    assert {*METHODS} == {*TOYS, *OTHERS}
     for name in METHODS:
         _, settings = find(name, {})
         assert {each.name for each in fields(settings) if "checks" not in each.metadata} == set()
@@ -79,7 +78,7 @@ def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Probl
 def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
     name: str, problem_of: Problems, require_reproducible: Callable[..., None]
 ) -> None:
-    encoder = "cnn" if name in ("planner", *PEERS) else "mlp"
+    encoder = "cnn" if name == "planner" else "mlp"
     require_reproducible(lambda seed: hasty(name, problem_of(seed, encoder)))
 
 
