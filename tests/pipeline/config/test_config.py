@@ -149,7 +149,7 @@ IMPOSSIBLE_TO_TRAIN = [
     ("results_dir", "s3://bucket/results", "a folder on this machine"),
     *(
         ("method", {"name": name}, "choose one of")
-        for name in ("", "BC", "os.path", "../bc", "authors/bc", ":Method", "mine:", "a:b:c", None)
+        for name in ("", "BC", "os.path", "../bc", "authors/bd", ":Method", "mine:", "a:b:c", None)
     ),
 ]
 
