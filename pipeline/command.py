@@ -24,16 +24,9 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
+from pipeline.config.command_line import HYDRA, keep_texts, refusal, register
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import (
-    HYDRA,
-    STAGES,
-    keep_texts,
-    options_of,
-    refusal,
-    register,
-    resolve,
-)
+from pipeline.config.run import STAGES, options_of, resolve
 from pipeline.config.training import CONF
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import check_there

@@ -37,7 +37,8 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from pipeline.config.run import HYDRA, keep_texts, options_of, register, resolve
+from pipeline.config.command_line import HYDRA, keep_texts, register
+from pipeline.config.run import options_of, resolve
 from pipeline.config.training import CONF
 
 ROOT = Path(__file__).parents[1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from hydra import compose, initialize_config_dir
 
-from pipeline.config.run import HYDRA, Run, keep_texts, options_of, register, resolve
+from pipeline.config.command_line import HYDRA, keep_texts, register
+from pipeline.config.run import Run, options_of, resolve
 from pipeline.config.training import CONF
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from composing import composed
 
+from pipeline.config.command_line import refusal
 from pipeline.config.errors import ConfigError
 from pipeline.config.gone import GONE
-from pipeline.config.run import refusal
 
 
 def refused(*arguments: str) -> str:

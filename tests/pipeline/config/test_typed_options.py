@@ -11,15 +11,9 @@ from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from pipeline.config.command_line import keep_texts, refusal
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import (
-    DEFAULTS,
-    KINDS,
-    OPTIONS,
-    RunConfig,
-    keep_texts,
-    refusal,
-)
+from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, RunConfig
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
