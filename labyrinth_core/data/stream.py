@@ -268,9 +268,9 @@ class Stream(Generic[Item]):
         if not self._order.buffer:
             yield from items
             return
-        random = self._random(at, number, 1 + groups[0])
-        while some := [*islice(items, self._order.buffer)]:
-            yield from map(some.__getitem__, random.permutation(len(some)).tolist())
+        every = [*items]
+        shuffled = self._random(at, number, 1 + groups[0]).permutation(len(every))
+        yield from map(every.__getitem__, shuffled.tolist())
 
 
 def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
