@@ -1,6 +1,6 @@
 """A policy of LeRobot, evaluated on all splits: `evaluate` takes what `reset` and `act` make of it.
 
-    labyrinth-datasets size=5 && python examples/lerobot_policy.py outputs/act
+    labyrinth-datasets size=5 && python examples/lerobot_policy.py outputs/policy
 
 Needs: pip install labyrinth-datasets lerobot
 """
