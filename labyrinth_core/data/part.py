@@ -95,10 +95,10 @@ class Part:
         """
         ends = self.group_rows(file, number)
         sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 2)]
-        whole = np.array(sizes) < FULL
-        if not whole.all():
-            whole |= self._begins[ends[1:-1]]
-        cuts = np.array([0, *(np.flatnonzero(whole) + 1), len(ends) - 1])
+        end_episodes = np.array(sizes) < FULL
+        if not end_episodes.all():
+            end_episodes |= self._begins[ends[1:-1]]
+        cuts = np.array([0, *(np.flatnonzero(end_episodes) + 1), len(ends) - 1])
         return [*map(range, cuts[:-1], cuts[1:])], np.diff(self.kept_before(ends[cuts]))
 
     @cached_property
@@ -166,13 +166,13 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
         return Part(folder, manifest.of(wanted.split), config=manifest.config)
     folder = wanted.locate([])
     manifest = Manifest.read(folder)
-    whole = replace(wanted, labyrinths=None, where=None)
-    part = Part(folder, manifest.of(wanted.split), config=manifest.config, whole=whole)
+    split = replace(wanted, labyrinths=None, where=None)
+    part = Part(folder, manifest.of(wanted.split), config=manifest.config, whole=split)
     if local_folder(wanted.source, wanted.config, wanted.revision) is None:
         commit = folder.parent.name
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
         # What is read later is of the same commit.
-        part = replace(part, place=place, whole=replace(whole, revision=commit))
+        part = replace(part, place=place, whole=replace(split, revision=commit))
     part = replace(part, kept=_kept(wanted, part, manifest))
     if in_place:
         return part

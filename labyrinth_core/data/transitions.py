@@ -198,9 +198,10 @@ def mapped(
 ) -> NDArray[Any]:
     """Return an array in a file, read-only; see `numpy.memmap`.
 
-    Torch writes to read-only arrays, too. Where the memory is not writable, the process crashes; so
-    it is, and what is written to it stays in this process. Linux refuses that for a file that is
-    larger than all memory.
+    A tensor made of the array can be written to all the same, which crashes a process where the
+    memory is mapped as read-only. So the memory is mapped as writable, and what is written stays in
+    this process. Linux refuses such a mapping of a file that is larger than all memory, which is
+    then mapped as read-only.
     """
     try:
         array = np.memmap(path, dtype, "c", offset, shape)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.grid import Action, whole
 from labyrinth_core.world.labyrinth import Task
 
 Policy = Callable[[Any], Any]
@@ -109,13 +109,13 @@ def fitted(
 def _needed_size(pixels: Any, height: int, width: int) -> int:
     """Return the pixels on each side that a policy's `image_size` asks for."""
     size = asked(partial(pixels, height, width)) if callable(pixels) else pixels
-    whole = isinstance(size, int | np.integer) and not isinstance(size, bool)
-    if not whole or not 1 <= size <= PICTURE_SIZE:
+    try:
+        return whole("image_size", size, 1, PICTURE_SIZE)
+    except ValueError as error:
         raise PolicyError(
             f"the policy asks for image_size={size!r:.60} at {height}x{width}: a whole number of "
             f"pixels from 1 to {PICTURE_SIZE} is allowed"
-        )
-    return int(size)
+        ) from error
 
 
 def decide(

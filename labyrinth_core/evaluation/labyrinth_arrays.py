@@ -147,8 +147,7 @@ def load_arrays(
     for block in replayed(part.rows(pictures=False), part.config):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
-            if number not in held:
-                held[number] = labyrinth
+            held.setdefault(number, labyrinth)
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             place = ids[block.which[first]], int(block.states[first])
             episodes.append((place, rows.actions[first:last].copy()))

@@ -15,6 +15,7 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
+from labyrinth_core.language.collection import files_in
 from pipeline.config.training import SUBMISSIONS
 from pipeline.machinery.console import say
 
@@ -88,9 +89,9 @@ def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
     """Yield the results that were submitted, without those that `stages=results` copied there."""
-    for path in sorted((results_dir / SUBMISSIONS).rglob("*.json")) if results_dir else ():
+    for path in files_in(results_dir / SUBMISSIONS) if results_dir else ():
         try:
-            if path.read_bytes() not in others:
+            if path.suffix == ".json" and path.read_bytes() not in others:
                 yield Results.load(path, of)
         except DatasetError as error:
             say(f"left out: {error}")

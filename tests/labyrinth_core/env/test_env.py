@@ -465,7 +465,8 @@ def test_an_environment_is_made_again_from_the_json_of_its_specification(tmp_pat
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::UserWarning:minari")  # That it is not told who made the data.
 def test_minari_recovers_an_environment_with_a_labyrinth_of_its_own(tmp_path, monkeypatch):
-    minari = pytest.importorskip("minari")
+    import minari
+
     monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path))
     env = gymnasium.make(NAME, labyrinth=parse(OPEN), observation="vector")
     observation, told = env.reset()
@@ -495,7 +496,8 @@ def test_the_specification_says_when_an_episode_is_cut_so_that_time_can_be_obser
 
 
 def test_a_copy_goes_on_from_the_same_state_and_shows_no_window():
-    pygame = pytest.importorskip("pygame")
+    import pygame
+
     env = gymnasium.make(NAME, labyrinth=OPEN, render_mode="human")
     env.unwrapped.metadata = {**env.metadata, "render_fps": 1_000}
     env.reset()

@@ -156,6 +156,7 @@ def test_what_was_submitted_is_shown_once_and_last_and_what_is_refused_is_named(
     for name, place in {"copied": runs, "theirs": tmp_path / "theirs"}.items():
         source = place / "3x3" / "mine" / "results.json"
         shutil.copyfile(source, results / "submissions" / f"{name}.json")
+    shutil.copyfile(source, results / "submissions" / ".theirs.json")  # A hidden copy.
     damaged = results / "submissions" / "damaged.json"
     damaged.write_text("{}")
     shown = read_results(runs, data_dir, [Manifest.read(folder)], results)
