@@ -14,8 +14,8 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
-from labyrinth_core.world.rollout import Episode, replay
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place

@@ -21,9 +21,9 @@ from labyrinth_core.pictures.vector import (
     tile_count,
 )
 from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.dynamics import seen_together
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.state_tables import Tables
-from labyrinth_core.world.visibility import seen_together
 
 LOOKS = tuple(Look)
 

@@ -15,8 +15,14 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.answers import Player, Policy, asked, decide, memory_of
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
-from labyrinth_core.world.rollout import Episode, replay
+from labyrinth_core.world.dynamics import (
+    GOAL_REWARD,
+    ICE_REWARD,
+    STEP_LIMIT,
+    STEP_PENALTY,
+    Episode,
+    replay,
+)
 
 OUTCOMES = {
     "solved": "the goal is reached",

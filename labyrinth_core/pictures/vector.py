@@ -14,9 +14,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.batch_sampling import Structures
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.dynamics import State, seen_together, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.visibility import seen_together, visible_from
 
 OPEN, WALL, ICE = 0, 1, 2
 """The entries of the wall grid; what the agent does not see looks like a wall."""

@@ -1,11 +1,19 @@
-"""The dynamics, shared by solver, rollout, environment and validation.
+"""The dynamics, what the agent sees, and episodes; shared by solver, environment and validation.
 
 A move into a wall leaves the agent where it is and costs a step, whatever lies behind the wall.
 """
 
 from __future__ import annotations
 
-from labyrinth_core.world.labyrinth import Labyrinth, Moves
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.world.grid import Action, whole
+from labyrinth_core.world.labyrinth import Labyrinth, Moves, Structure
 from labyrinth_core.world.labyrinth import State as State
 
 GOAL_REWARD = 1.0
@@ -87,3 +95,131 @@ def transition_table(labyrinth: Labyrinth) -> list[Moves]:
             up, right, down, left = (cell + index - index % cells for cell in after)
         table.append((up, right, down, left))
     return table
+
+
+@dataclass(frozen=True, eq=False)
+class Episode:
+    """The states, actions and rewards of one episode, from the initial state of a labyrinth."""
+
+    labyrinth: Labyrinth
+    states: tuple[State, ...]
+    """The T + 1 states visited."""
+    actions: NDArray[np.int8]
+    """The action taken in each state but the last, shape (T,)."""
+    rewards: NDArray[np.float32]
+    """The reward received for each action, shape (T,)."""
+
+    def __post_init__(self) -> None:
+        steps = len(self.states) - 1
+        if not len(self.actions) == len(self.rewards) == steps:
+            raise ValueError(
+                f"an episode of {steps + 1} states has {steps} actions and rewards, "
+                f"not {len(self.actions)} and {len(self.rewards)}"
+            )
+        self.actions.setflags(write=False)
+        self.rewards.setflags(write=False)
+
+    def __len__(self) -> int:
+        """Return the number of moves."""
+        return len(self.actions)
+
+    @property
+    def terminated(self) -> bool:
+        """Whether the episode ends on the goal or on ice instead of being cut."""
+        return is_terminal(self.labyrinth, self.states[-1])
+
+
+def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
+    """Return the episode in which the agent takes `actions`, from the initial state on.
+
+    Raises:
+        ValueError: An action is not one of the four, or follows the end of the episode.
+    """
+    states = [initial(labyrinth)]
+    taken: list[int] = []
+    for action in actions:
+        if not 0 <= action < 4:
+            raise ValueError(f"action {action}: the actions are 0, 1, 2 and 3")
+        if is_terminal(labyrinth, states[-1]):
+            raise ValueError(f"{len(taken)} steps end the episode, but another action follows")
+        states.append(transition(labyrinth, states[-1], action))
+        taken.append(action)
+    return _episode(labyrinth, states, taken)
+
+
+def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
+    """Return an episode of uniformly random actions, cut after `max_steps`.
+
+    Raises:
+        ValueError: `max_steps` is not a whole number from 0 on.
+    """
+    actions = rng.integers(4, size=whole("max_steps", max_steps, 0)).tolist()
+    states = [initial(labyrinth)]
+    for action in actions:
+        states.append(transition(labyrinth, states[-1], action))
+        if is_terminal(labyrinth, states[-1]):
+            break
+    return _episode(labyrinth, states, actions[: len(states) - 1])
+
+
+def _episode(labyrinth: Labyrinth, states: list[State], actions: list[int]) -> Episode:
+    rewards = [reward(labyrinth, state) for state in states[1:]]
+    return Episode(
+        labyrinth, tuple(states), np.array(actions, np.int8), np.array(rewards, np.float32)
+    )
+
+
+DIAGONALS = tuple(product((Action.RIGHT, Action.LEFT), (Action.UP, Action.DOWN)))
+"""The four diagonals: the step to the side, then the one up or down."""
+
+
+def visible_from(structure: Structure, cell: int) -> frozenset[int]:
+    """Return the cells seen from `cell`: itself, straight rays and exact diagonals, unbroken.
+
+    A step along a diagonal is unbroken when the passage to the side, and from there the one up
+    or down, are both open; to the side first, as in the authors' code.
+    """
+    moves = structure.moves
+    seen = {cell}
+    for action in Action:
+        at = cell
+        while (after := moves[at][action]) != at:
+            at = after
+            seen.add(at)
+    for side, updown in DIAGONALS:
+        at = cell
+        while (beside := moves[at][side]) != at and (after := moves[beside][updown]) != beside:
+            at = after
+            seen.add(at)
+    return frozenset(seen)
+
+
+def seen_together(
+    moves: NDArray[np.int64], agents: NDArray[np.int64], side: int
+) -> NDArray[np.bool_]:
+    """Return which of N cells, those of many structures, are seen; as `visible_from` has it.
+
+    Args:
+        moves: The cells that the four actions lead to from each cell, shape (N, 4).
+        agents: The cell of each agent, one to a structure.
+        side: The larger of the structures' height and width.
+
+    Returns:
+        Whether an agent sees the cell, shape (N,).
+    """
+    flat = moves.ravel()
+    seen = np.zeros(len(moves), np.bool_)
+    seen[agents] = True
+    for action in Action:
+        at = agents
+        for _ in range(side - 1):
+            at = flat.take(4 * at + action)  # A wall leads back to a cell that is seen anyway.
+            seen[at] = True
+    for across, updown in DIAGONALS:
+        at = agents
+        for _ in range(side - 1):
+            beside = flat.take(4 * at + across)
+            onward = flat.take(4 * beside + updown)
+            at = np.where((beside != at) & (onward != beside), onward, at)
+            seen[at] = True
+    return seen

@@ -14,7 +14,7 @@ import numpy as np
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
 from pipeline.evaluation.named import Judged, judge_named

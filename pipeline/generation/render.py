@@ -9,9 +9,8 @@ from typing import NamedTuple
 from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import Episode
 from pipeline.generation.fingerprint import PictureDigest, Row
 
 REMEMBERED_BYTES = 32 << 20

@@ -10,8 +10,8 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.dynamics import Episode, random_episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import Episode, random_episode, replay
 from labyrinth_core.world.solver import (
     erring_route,
     moves_and_routes,

@@ -11,6 +11,7 @@ import numpy as np
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.random_labyrinth import (
     change_goal,
@@ -18,7 +19,6 @@ from labyrinth_core.world.random_labyrinth import (
     change_start_and_goal,
     draw_start_and_goal,
 )
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
 

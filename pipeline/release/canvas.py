@@ -13,9 +13,8 @@ from dataclasses import replace
 from PIL import Image, ImageDraw, ImageFont
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.dynamics import State, replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
-from labyrinth_core.world.rollout import replay
 
 WIDTH = 1080
 MARGIN = 36

@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import State
+from labyrinth_core.world.dynamics import Episode, State, replay
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.rollout import Episode, replay
 from pipeline.config.errors import check
 
 NO_LABEL = -1

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 from environments.experts import expert_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_route
 
 Floats = NDArray[np.float64]

@@ -20,7 +20,7 @@ from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
 

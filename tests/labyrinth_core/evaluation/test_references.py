@@ -14,7 +14,7 @@ from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.rollout import replay
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_routes
 
 

@@ -5,9 +5,9 @@ import pytest
 from PIL import Image
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import shortest_route
 
 

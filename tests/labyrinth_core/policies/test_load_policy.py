@@ -43,8 +43,8 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.rollout import replay
 
 torch.set_num_threads(1)
 

@@ -1,22 +1,34 @@
-"""What a step does, in every task."""
+"""What a step does in every task, what the agent sees, and what a route leaves behind."""
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
-from brute_force import is_over, situations, step, world_of
+from brute_force import chi_square, is_over, passages_of, sees, situations, step, world_of
 from hypothesis import given
-from strategies import labyrinths
+from hypothesis import strategies as st
+from strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
+    Episode,
     State,
     initial,
+    is_terminal,
+    random_episode,
+    replay,
     reward,
+    seen_together,
     state_at,
     state_count,
     state_index,
     step_limit,
     transition,
     transition_table,
+    visible_from,
 )
 from labyrinth_core.world.grid import Action
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.solver import shortest_route
 
 
 def state_of(world, situation):
@@ -57,3 +69,118 @@ def test_an_episode_of_forty_steps_a_cell_without_the_goal_returns_minus_four(la
     assert step_limit(labyrinth) == 40 * len(world_of(labyrinth).places())
     each = reward(labyrinth, initial(labyrinth))
     assert sum([each] * step_limit(labyrinth)) == pytest.approx(-4.0)
+
+
+# Episodes.
+
+seeds = st.integers(0, 2**32 - 1)
+actions = st.lists(st.integers(0, 3), max_size=60)
+
+ROOM = Labyrinth(Structure.without_walls(2, 2), 0, 3)
+
+
+def until_over(world, route):
+    """Return what the rules say the route visits and pays, cut where the episode is over."""
+    situations, rewards = [(world.start, False, False)], []
+    for action in route:
+        situation, reward, over = step(world, situations[-1], action)
+        situations.append(situation)
+        rewards.append(reward)
+        if over:
+            break
+    return situations, rewards
+
+
+@given(labyrinths(), actions)
+def test_a_replay_visits_and_pays_what_the_rules_say(labyrinth, route):
+    world = world_of(labyrinth)
+    situations, rewards = until_over(world, route)
+    episode = replay(labyrinth, route[: len(rewards)])
+    assert episode.labyrinth is labyrinth
+    assert [
+        (divmod(state.agent, world.width), state.has_key, state.door_open)
+        for state in episode.states
+    ] == situations
+    assert episode.actions.tolist() == route[: len(rewards)]
+    assert episode.rewards.tolist() == [np.float32(reward) for reward in rewards]
+    assert (episode.actions.dtype, episode.rewards.dtype) == (np.int8, np.float32)
+    assert not episode.actions.flags.writeable
+    assert not episode.rewards.flags.writeable
+    assert len(episode) == len(rewards) == len(episode.states) - 1
+    assert episode.terminated == (situations[-1][0] in {world.goal, *world.ice})
+
+
+@given(labyrinths(), st.lists(st.integers(0, 3), min_size=1, max_size=60))
+def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
+    route = [*shortest_route(labyrinth, np.random.default_rng(0)), *more]
+    steps = len(route) - len(more)
+    assert replay(labyrinth, route[:steps]).terminated
+    with pytest.raises(ValueError, match=f"^{steps} steps end the episode, but another action"):
+        replay(labyrinth, route)
+
+
+@pytest.mark.parametrize("action", [-1, 4, 255])
+def test_an_action_that_is_none_of_the_four_is_refused(action):
+    with pytest.raises(ValueError, match=f"^action {action}: the actions are 0, 1, 2 and 3"):
+        replay(ROOM, [0, action])
+
+
+@pytest.mark.parametrize(("actions", "rewards"), [(2, 3), (3, 2), (4, 4), (2, 2)])
+def test_an_episode_has_one_action_and_one_reward_for_each_state_but_the_last(actions, rewards):
+    states = (State(0), State(0), State(0), State(0))
+    with pytest.raises(
+        ValueError, match=f"^an episode of 4 states has 3 .*{actions} and {rewards}"
+    ):
+        Episode(ROOM, states, np.zeros(actions, np.int8), np.zeros(rewards, np.float32))
+    assert len(Episode(ROOM, states, np.zeros(3, np.int8), np.zeros(3, np.float32))) == 3
+
+
+@given(labyrinths(), seeds, st.integers(0, 300))
+def test_a_random_episode_ends_at_its_first_end_or_is_cut(labyrinth, seed, max_steps):
+    episode = random_episode(labyrinth, np.random.default_rng(seed), max_steps)
+    assert len(episode) <= max_steps
+    assert episode.terminated or len(episode) == max_steps
+    assert not any(is_terminal(labyrinth, state) for state in episode.states[:-1])
+    for action, (state, after) in zip(episode.actions, pairwise(episode.states), strict=True):
+        assert transition(labyrinth, state, action) == after
+
+
+def test_random_episodes_take_each_action_as_often_as_the_others():
+    rng = np.random.default_rng(7)
+    firsts = [int(random_episode(ROOM, rng, 1).actions[0]) for _ in range(4000)]
+    counts = np.bincount(firsts, minlength=4)
+    assert len(counts) == 4
+    assert chi_square(counts.tolist(), [1000] * 4) < 5
+
+
+# Sight.
+
+
+@given(structures())
+def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
+    passages, width = passages_of(structure), structure.width
+    for cell in range(structure.cells):
+        expected = {
+            target
+            for target in range(structure.cells)
+            if sees(passages, divmod(cell, width), divmod(target, width))
+        }
+        assert visible_from(structure, cell) == expected
+
+
+def test_a_cell_can_see_another_that_does_not_see_it():
+    """A diagonal goes to the side first, as docs/make.md says; here that way has no wall."""
+    structure = Structure.from_passages(2, 2, [(0, 1), (1, 3)])
+    assert 3 in visible_from(structure, 0)
+    assert 0 not in visible_from(structure, 3)
+
+
+@given(structures())
+def test_many_agents_at_once_see_what_each_of_them_sees(structure):
+    cells = structure.cells
+    first = cells * np.arange(cells)  # An agent in each cell, in a copy of the structure.
+    moves = (np.array(structure.moves) + first[:, None, None]).reshape(-1, 4)
+    agents = first + np.arange(cells)
+    seen = seen_together(moves, agents, max(structure.height, structure.width))
+    for cell, row in enumerate(seen.reshape(cells, cells)):
+        assert set(np.flatnonzero(row)) == visible_from(structure, cell)

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.solver import shortest_routes
 

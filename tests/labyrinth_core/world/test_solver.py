@@ -25,13 +25,14 @@ from strategies import labyrinths
 
 from labyrinth_core.world.dynamics import (
     State,
+    random_episode,
+    replay,
     state_count,
     state_index,
     transition_table,
 )
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Structure, Task
 from labyrinth_core.world.random_labyrinth import sample_labyrinth
-from labyrinth_core.world.rollout import random_episode, replay
 from labyrinth_core.world.solver import (
     distances,
     moves_and_routes,

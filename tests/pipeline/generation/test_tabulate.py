@@ -33,8 +33,8 @@ from labyrinth_core.data.labyrinth_table import (
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
 from pipeline.generation import tabulate

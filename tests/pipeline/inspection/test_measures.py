@@ -14,8 +14,8 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.part import Part
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.inspection.analyse import read_contents

@@ -15,8 +15,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, parse
+from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rollout import replay
 from labyrinth_core.world.solver import distances, shortest_routes
 from pipeline.inspection.statistics import count_dataset, statistics_of
 
