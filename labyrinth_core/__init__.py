@@ -35,9 +35,9 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
     from labyrinth_core.world.labyrinth import Structure as Structure
     from labyrinth_core.world.labyrinth import Task as Task
-    from labyrinth_core.world.random_labyrinth import sample_labyrinth as sample_labyrinth
     from labyrinth_core.world.solver import optimal_actions as optimal_actions
     from labyrinth_core.world.solver import shortest_route as shortest_route
+    from labyrinth_core.world.tasks import sample_labyrinth as sample_labyrinth
 
 
 _HOMES = {
@@ -60,7 +60,7 @@ _HOMES = {
     "parse": "language.text",
     "question": "evaluation.questions",
     "render": "pictures.renderer",
-    "sample_labyrinth": "world.random_labyrinth",
+    "sample_labyrinth": "world.tasks",
     "score_answer": "evaluation.written_routes",
     "shortest_route": "world.solver",
     "stream_episodes": "data.stream",

@@ -35,7 +35,7 @@ from measuring import machine, parser_of, per_second, report, take_turns
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.tasks import sample_labyrinth
 
 MINIGRID = "MiniGrid-Empty-8x8-v0"
 LABYRINTH = "labyrinth_core.env:Labyrinth-v0"

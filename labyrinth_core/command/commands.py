@@ -24,9 +24,9 @@ from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
 from labyrinth_core.world.dynamics import Episode, initial, replay
 from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.solver import shortest_route, simple_routes
+from labyrinth_core.world.tasks import sample_labyrinth
 
 COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
 """The colour of each character on a terminal, as parameters of the SGR sequence of ECMA-48."""

@@ -13,9 +13,8 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from labyrinth_core.world.random_labyrinth import MAX_DRAWS, draw_start_and_goal
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import default_start_and_goal, place
+from labyrinth_core.world.tasks import MAX_DRAWS, default_start_and_goal, draw_start_and_goal, place
 
 
 def split_of(structure: Structure, buckets: Sequence[int]) -> str:

@@ -15,8 +15,7 @@ from labyrinth_core.language.text import dump, load, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT
 from labyrinth_core.world.grid import parse_size, whole
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
-from labyrinth_core.world.random_labyrinth import check_apart, sample_labyrinth, wish_text
-from labyrinth_core.world.tasks import place
+from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
 
 Choice = TypeVar("Choice")
 Size = int | str | tuple[int, int]

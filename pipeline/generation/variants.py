@@ -13,14 +13,16 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.random_labyrinth import (
+from labyrinth_core.world.solver import moves_of, shortest_route
+from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
     change_start_and_goal,
+    default_start_and_goal,
     draw_start_and_goal,
+    place,
+    tiles_matter,
 )
-from labyrinth_core.world.solver import moves_of, shortest_route
-from labyrinth_core.world.tasks import default_start_and_goal, place, tiles_matter
 
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 

@@ -16,8 +16,8 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.grid import Action
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.tasks import sample_labyrinth
 
 Floats = NDArray[np.float64]
 

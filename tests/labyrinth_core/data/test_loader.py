@@ -27,8 +27,8 @@ from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.generation.write import arrow_schema
 
 CONFIGS = "3x3", "4x4-key_and_door"

@@ -20,7 +20,7 @@ from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Look, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.tasks import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 CLOSER = OPEN.replace("|     E |", "| E     |")

@@ -12,7 +12,7 @@ from strategies import labyrinths
 from labyrinth_core.language.parse_many import parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.world.labyrinth import Look, Structure
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.tasks import sample_labyrinth
 
 
 @st.composite

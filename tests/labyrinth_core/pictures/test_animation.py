@@ -7,8 +7,8 @@ from PIL import Image
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.tasks import sample_labyrinth
 
 
 def episode(task, size=5):

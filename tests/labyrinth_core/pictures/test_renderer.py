@@ -40,8 +40,8 @@ from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.tasks import sample_labyrinth
 
 NAVIGATION = """
 labyrinth:

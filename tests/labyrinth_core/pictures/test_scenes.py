@@ -17,7 +17,7 @@ from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.tasks import sample_labyrinth
 
 looks = st.sampled_from(Look)
 

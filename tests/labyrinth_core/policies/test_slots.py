@@ -17,7 +17,7 @@ from labyrinth_core.policies.networks.slots import (
 )
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
+from labyrinth_core.world.tasks import sample_labyrinth
 
 RNG = np.random.default_rng(0)
 

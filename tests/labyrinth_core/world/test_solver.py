@@ -32,7 +32,6 @@ from labyrinth_core.world.dynamics import (
     transition_table,
 )
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Structure, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import (
     distances,
     moves_and_routes,
@@ -41,6 +40,7 @@ from labyrinth_core.world.solver import (
     shortest_routes,
     simple_routes,
 )
+from labyrinth_core.world.tasks import sample_labyrinth
 
 
 def without_walls(height, width):

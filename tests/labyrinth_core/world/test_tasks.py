@@ -24,15 +24,16 @@ from hypothesis import strategies as st
 from strategies import connected_structures, labyrinths
 
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.random_labyrinth import (
+from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
     change_start_and_goal,
     draw_start_and_goal,
+    place,
     sample_labyrinth,
+    tiles_matter,
 )
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import place, tiles_matter
 
 seeds = st.integers(0, 2**32 - 1)
 

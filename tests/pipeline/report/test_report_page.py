@@ -19,8 +19,8 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import distances, optimal_actions
+from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.config.run import Run
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report

@@ -26,8 +26,8 @@ from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slo
 from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.random_labyrinth import sample_labyrinth
 from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
