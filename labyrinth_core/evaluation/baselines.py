@@ -18,7 +18,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.world.dynamics import STEP_PENALTY
-from labyrinth_core.world.route_memory import RouteMemory
+from labyrinth_core.world.solver import RouteMemory
 
 BASELINES = {
     "random": "uniformly random actions; exact expectations",

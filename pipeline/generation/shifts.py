@@ -20,9 +20,8 @@ import numpy as np
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
-from labyrinth_core.world.route_memory import RouteMemory
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.solver import moves_of
+from labyrinth_core.world.solver import RouteMemory, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.generation.variants import (
     TASKS_WITHOUT_TILES,
