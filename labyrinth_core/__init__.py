@@ -30,7 +30,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
     from labyrinth_core.policies.load import load_policy as load_policy
-    from labyrinth_core.world.grid import Action as Action
+    from labyrinth_core.world.dynamics import Action as Action
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
     from labyrinth_core.world.labyrinth import Structure as Structure
@@ -41,7 +41,7 @@ if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
 
 
 _HOMES = {
-    "Action": "world.grid",
+    "Action": "world.dynamics",
     "DatasetError": "data.errors",
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",

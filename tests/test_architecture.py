@@ -343,7 +343,7 @@ def test_there_is_no_circle_among_files_or_folders_at_any_depth(ours):
     ids=["two files", "three files, late", "folders", "a folder and a file", "a package"],
 )
 def test_a_circle_is_found_wherever_it_hides(tmp_path, sources, circle):
-    house(tmp_path, "labyrinth_core/world/grid", "")
+    house(tmp_path, "labyrinth_core/world/labyrinth", "")
     assert circles(imports(tmp_path), modules_of(tmp_path)) == []
     for module, source in sources.items():
         path = tmp_path / f"labyrinth_core/{module}.py"
@@ -431,7 +431,7 @@ def house(root, module, source):
     """Write an empty house, but for one module."""
     packages = [room.replace(".", "/") for room in ROOMS if room != "run"]
     rooms = [f"{package}/__init__" for package in packages]
-    rooms += ["labyrinth_core/world/grid", "labyrinth_core/language/text"]
+    rooms += ["labyrinth_core/world/labyrinth", "labyrinth_core/language/text"]
     rooms += ["labyrinth_core/env/environment", "labyrinth_core/env/window"]
     rooms += ["scripts/benchmark", "pipeline/__main__", "pipeline/machinery/executor", "run"]
     rooms += [f"{step.replace('.', '/')}" for step in [*STEPS, "pipeline.generation.build"]]

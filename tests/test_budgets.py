@@ -86,7 +86,7 @@ def test_every_budget_is_that_of_something() -> None:
 
 def test_a_line_and_a_word_more_are_counted_in_the_row_of_their_room(tmp_path: Path) -> None:
     for name, text in {
-        "labyrinth_core/world/grid.py": "one = 1\n",
+        "labyrinth_core/world/labyrinth.py": "one = 1\n",
         "labyrinth_core/version.py": "one = 1\n",
         "pipeline/report/page/page.js": "one\ntwo\n",
         "pipeline/report/deep/inside.py": "one = 1\ntwo = 2\n",
@@ -110,7 +110,7 @@ def test_a_line_and_a_word_more_are_counted_in_the_row_of_their_room(tmp_path: P
         LONGEST: 2,
     }
     assert figures(tmp_path) == before
-    with (tmp_path / "labyrinth_core/world/grid.py").open("a") as file:
+    with (tmp_path / "labyrinth_core/world/labyrinth.py").open("a") as file:
         file.write("two = 2\nthree = 3\n")
     assert figures(tmp_path) == before | {"labyrinth_core/world": 3, LONGEST: 3}
 

@@ -8,9 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, printable
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, parse_size, printable
 from labyrinth_core.version import __version__
-from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
 
 ROUTES = 1_000

@@ -21,8 +21,7 @@ from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, rea
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
-from labyrinth_core.world.dynamics import Episode, initial, replay
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action, Episode, initial, replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.solver import shortest_route, simple_routes

@@ -7,9 +7,9 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, get_args, get_type_hints
 
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
-from labyrinth_core.world.grid import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.tasks import check_open_walls

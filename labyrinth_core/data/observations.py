@@ -19,8 +19,7 @@ from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many
 from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, whole
 
 OBSERVATIONS = ("image", "vector", "text")
 

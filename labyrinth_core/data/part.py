@@ -19,7 +19,7 @@ from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import Rows, opened, opened_in_place, rows_together
 from labyrinth_core.data.source import local_folder, locate
 from labyrinth_core.data.storage import AnyPath, RemotePath
-from labyrinth_core.world.grid import whole
+from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression

@@ -29,7 +29,7 @@ from labyrinth_core.data.part import Filter, Part, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER
 from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.grid import whole
+from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

@@ -11,10 +11,10 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
 from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.grid import parse_size, whole
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, whole
 from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
 
 Choice = TypeVar("Choice")

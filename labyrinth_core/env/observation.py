@@ -15,8 +15,7 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
 from labyrinth_core.world.dynamics import state_at, state_count
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
 Kind = Literal["image", "vector", "state"]
 Array = NDArray[np.uint8] | NDArray[np.int32]

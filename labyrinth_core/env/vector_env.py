@@ -39,8 +39,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 from labyrinth_core.world.state_tables import Tables, tabulate
 
 Mask = NDArray[np.bool_]

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.grid import Action, whole
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.dynamics import Action
+from labyrinth_core.world.labyrinth import Task, whole
 
 Policy = Callable[[Any], Any]
 """From B observations to B actions, or to scores of the four actions, shape (B, 4).

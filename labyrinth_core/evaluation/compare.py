@@ -35,7 +35,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once
 from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.grid import whole
+from labyrinth_core.world.labyrinth import whole
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""

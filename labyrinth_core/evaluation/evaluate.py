@@ -27,8 +27,7 @@ from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.labyrinth import Task, whole
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""

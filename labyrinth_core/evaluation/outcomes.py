@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.description import MOST_EPISODES
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
-from labyrinth_core.world.grid import parse_size
+from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.world.labyrinth import Task
 
 _EXACT = 1e-12

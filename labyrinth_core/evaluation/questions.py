@@ -16,8 +16,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import initial
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action, initial
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.solver import moves_and_routes, shortest_routes
 

@@ -16,8 +16,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
-from labyrinth_core.world.dynamics import seen_together
-from labyrinth_core.world.grid import Action, neighbours
+from labyrinth_core.world.dynamics import Action, neighbours, seen_together
 from labyrinth_core.world.labyrinth import Task
 
 REPLANNERS = ("replanner", "without memory")

@@ -10,8 +10,7 @@ from bisect import bisect
 from dataclasses import dataclass
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import State, initial, step_limit, transition
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action, State, initial, step_limit, transition
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
 

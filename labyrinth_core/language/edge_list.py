@@ -17,8 +17,15 @@ from labyrinth_core.language.source_text import (
     character_at,
     with_line_feeds,
 )
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, neighbours
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.dynamics import neighbours
+from labyrinth_core.world.labyrinth import (
+    MAX_SIDE,
+    MIN_SIDE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+)
 
 _Pair = tuple[int, tuple[int, int]]
 """The offset of a pair of numbers in the text, and the pair."""

@@ -1,4 +1,4 @@
-"""Texts of labyrinths as they are read: lines without comments, and errors that show their place.
+"""Texts as they are read: lines without comments, errors that show their place, and sizes.
 
 The language and the lists of edges share this module.
 """
@@ -7,12 +7,15 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import sys
 from bisect import bisect_right
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
+
+from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE
 
 MAX_TEXT = 32 * 1024 * 1024
 """The most characters of a text, or bytes of a file; the largest drawing has a quarter of them."""
@@ -238,3 +241,19 @@ def decode(data: bytes, file: str | None) -> str:
         raise LabyrinthSyntaxError.at(
             before + rest, len(before), "the file is no text", file, "UTF-8", found
         ) from error
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return `(height, width)` of a size written as `5` or `4x6`.
+
+    Raises:
+        ValueError: The text is not a whole number from 2 to 1,000, or two joined by an x.
+    """
+    match = re.fullmatch(r"\s*(\d{1,5})(?:\s*[xX]\s*(\d{1,5}))?\s*", text, re.ASCII)
+    sides = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
+    if not all(MIN_SIDE <= side <= MAX_SIDE for side in sides):
+        raise ValueError(
+            f"size={text}: give a whole number from {MIN_SIDE} to {MAX_SIDE:,} such as 5, "
+            "or height x width such as 4x6"
+        )
+    return sides

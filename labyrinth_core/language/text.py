@@ -21,8 +21,17 @@ from labyrinth_core.language.settings import (
     parse_settings,
 )
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE, digits, whole
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
+from labyrinth_core.world.labyrinth import (
+    MAX_SIDE,
+    MIN_SIDE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+    digits,
+    identity,
+    whole,
+)
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [

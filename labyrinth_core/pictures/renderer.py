@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State, visible_from
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
 """The most rows and columns with which every cell and wall still has a pixel."""

@@ -31,8 +31,7 @@ from labyrinth_core.pictures.vector import (
 )
 from labyrinth_core.world.batch_labyrinths import Labyrinths
 from labyrinth_core.world.dynamics import State, state_index, visible_from
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, that are drawn together."""

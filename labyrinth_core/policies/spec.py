@@ -15,8 +15,7 @@ from labyrinth_core.data.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.pictures.vector import tile_count
-from labyrinth_core.world.grid import MAX_SIDE, MIN_SIDE
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.grid import Action, digits
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.dynamics import Action
+from labyrinth_core.world.labyrinth import Structure, digits
 from labyrinth_core.world.sampling import BLOCK, cells_beside, default_open_walls, twelfths_of
 
 WORD = 64

@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from enum import IntEnum
 from itertools import product
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.grid import Action, whole
-from labyrinth_core.world.labyrinth import Labyrinth, Moves, Structure
-from labyrinth_core.world.labyrinth import State as State
+from labyrinth_core.world.labyrinth import Labyrinth, Moves, Structure, whole
 
 GOAL_REWARD = 1.0
 ICE_REWARD = -100.0
@@ -22,6 +22,39 @@ STEP_PENALTY = 0.1
 """The cost of a step that does not end on the goal, times the number of cells."""
 STEP_LIMIT = 40
 """The number of steps for each cell after which an episode is cut; its return is then -4."""
+
+
+class Action(IntEnum):
+    """The four moves of an agent; `UP` increases the row, and is up in the picture."""
+
+    UP = 0
+    RIGHT = 1
+    DOWN = 2
+    LEFT = 3
+
+
+class State(NamedTuple):
+    """The part of the world that changes during an episode."""
+
+    agent: int
+    """The agent's cell."""
+    has_key: bool = False
+    door_open: bool = False
+
+
+def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
+    """Return the neighbours of `cell`, by the action that leads there unless walled off."""
+    row, column = divmod(cell, width)
+    beside = {}
+    if row + 1 < height:
+        beside[Action.UP] = cell + width
+    if column + 1 < width:
+        beside[Action.RIGHT] = cell + 1
+    if row > 0:
+        beside[Action.DOWN] = cell - width
+    if column > 0:
+        beside[Action.LEFT] = cell - 1
+    return beside
 
 
 def initial(labyrinth: Labyrinth) -> State:

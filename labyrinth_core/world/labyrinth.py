@@ -1,23 +1,81 @@
-"""Structures and labyrinths: their definition, their validity, and their identity."""
+"""Structures and labyrinths: their definition, their validity, and their identity.
+
+A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left. A bit
+set over cells is an integer whose bit `c`, counted from the lowest, stands for cell `c`.
+"""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from functools import cached_property
-from typing import NamedTuple
+from math import inf
+from numbers import Integral
+from operator import index
 
-from labyrinth_core.world.grid import (
-    bit_set,
-    checked_sides,
-    digits,
-    horizontal_edges,
-    neighbours,
-    vertical_edges,
-    whole,
-)
+MIN_SIDE = 2
+MAX_SIDE = 1_000
+"""The largest height and width; it limits the time and memory that a stranger's text can take."""
+
+
+def digits(bits: int, cells: int) -> str:
+    """Return a bit set as text: a digit 1 for each cell in it, a 0 for each other, in order."""
+    return f"{bits:0{cells}b}"[::-1]
+
+
+def bit_set(digits: str) -> int:
+    """Return the bit set that a text of digits describes; the inverse of `digits`."""
+    return int(digits[::-1], 2)
+
+
+def vertical_edges(height: int, width: int) -> int:
+    """Return the bit set of the cells with a neighbour above: all but the top row."""
+    return (1 << (height - 1) * width) - 1
+
+
+def horizontal_edges(height: int, width: int) -> int:
+    """Return the bit set of the cells with a neighbour at the right: all but the last column."""
+    row = (1 << width - 1) - 1
+    return row * (((1 << height * width) - 1) // ((1 << width) - 1))
+
+
+def whole(
+    name: str, value: object, least: float = -inf, most: float = inf, *, allowed: str = ""
+) -> int:
+    """Return a whole number of Python's or NumPy's as one of Python's, which cannot overflow.
+
+    Args:
+        name: The name of the argument, for the message.
+        value: Its value.
+        least: The smallest number that is allowed.
+        most: The largest.
+        allowed: What is allowed, in words, if that is more than the numbers between these.
+
+    Raises:
+        ValueError: The value is of another type, such as `bool`, or out of bounds.
+    """
+    number = value if type(value) is int else None
+    if number is None and isinstance(value, Integral) and not isinstance(value, bool):
+        with suppress(TypeError):  # NumPy has lengths of time as whole numbers, too.
+            number = index(value)
+    if number is not None and least <= number <= most:
+        return number
+    bounds = f" from {least} on" if most == inf else f" from {least} to {most}"
+    allowed = allowed or f"a whole number{'' if least == -inf else bounds}"
+    raise ValueError(f"{name}={value!r:.60}: give {allowed}")
+
+
+def checked_sides(height: object, width: object) -> tuple[int, int]:
+    """Return the rows and the columns of a labyrinth as numbers of Python's.
+
+    Raises:
+        ValueError: One of them is not a whole number from 2 to 1,000.
+    """
+    return whole("height", height, MIN_SIDE, MAX_SIDE), whole("width", width, MIN_SIDE, MAX_SIDE)
+
 
 UNREACHABLE = -1
 """The distance of a state from which the goal cannot be reached."""
@@ -49,15 +107,6 @@ class Look(StrEnum):
     PLAIN = "plain"
     RECOLOURED = "recoloured"
     THIN_WALLS = "thin_walls"
-
-
-class State(NamedTuple):
-    """The part of the world that changes during an episode."""
-
-    agent: int
-    """The agent's cell."""
-    has_key: bool = False
-    door_open: bool = False
 
 
 @dataclass(frozen=True, order=True)
@@ -99,7 +148,8 @@ class Structure:
         up, right = ["0"] * (height * width), ["0"] * (height * width)
         for pair in passages:
             low, high = sorted(pair)
-            if low < 0 or high not in neighbours(low, height, width).values():
+            beside = (high - low == 1 and high % width) or high - low == width
+            if low < 0 or high >= height * width or not beside:
                 raise ValueError(f"cells {pair} of a {height}x{width} grid are no neighbours")
             (up if high - low == width else right)[low] = "1"
         return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
@@ -154,21 +204,6 @@ class Structure:
         It is `UNREACHABLE` for cells that cannot be reached.
         """
         return breadth_first(self.moves, [source], blocked)
-
-    def least_moves(self, source: int, target: int) -> int:
-        """Return the least number of moves between two cells, or `UNREACHABLE`.
-
-        All cells are flooded at once, as a bit set, which is quicker than `distances`.
-        """
-        up, right, width = self.up, self.right, self.width
-        reached, moves = 1 << source, 0
-        while not reached >> target & 1:
-            beside = (reached & right) << 1 | reached >> 1 & right
-            flooded = reached | (reached & up) << width | reached >> width & up | beside
-            if flooded == reached:
-                return UNREACHABLE
-            reached, moves = flooded, moves + 1
-        return moves
 
     @property
     def is_connected(self) -> bool:

@@ -12,14 +12,14 @@ from itertools import chain
 
 import numpy as np
 
-from labyrinth_core.world.grid import (
+from labyrinth_core.world.dynamics import neighbours
+from labyrinth_core.world.labyrinth import (
+    Structure,
     bit_set,
     checked_sides,
     horizontal_edges,
-    neighbours,
     vertical_edges,
 )
-from labyrinth_core.world.labyrinth import Structure
 
 Edge = tuple[int, int]
 

@@ -1,7 +1,7 @@
 """Routes: distances, optimal actions, shortest routes, simple routes, and remembered routes.
 
-All functions work on the numbered states of `dynamics`, so each task is solved by the same code:
-in key and door the search runs over agent, key and door; ice is a terminal state.
+Functions of a labyrinth work on the numbered states of `dynamics`, so each task is solved by the
+same code: in key and door the search runs over agent, key and door; ice is a terminal state.
 """
 
 from __future__ import annotations
@@ -14,8 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.dynamics import initial, state_index, step_limit, transition_table
-from labyrinth_core.world.grid import whole
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Moves, breadth_first
+from labyrinth_core.world.labyrinth import (
+    UNREACHABLE,
+    Labyrinth,
+    Moves,
+    Structure,
+    breadth_first,
+    whole,
+)
 
 Table = Sequence[Moves]
 
@@ -53,6 +59,22 @@ def distances(labyrinth: Labyrinth) -> Sequence[int]:
 def moves_of(labyrinth: Labyrinth) -> int:
     """Return the number of moves of a shortest route from the start to the goal."""
     return distances(labyrinth)[labyrinth.start]
+
+
+def least_moves(structure: Structure, source: int, target: int) -> int:
+    """Return the least number of moves between two cells of a structure, or `UNREACHABLE`.
+
+    All cells are flooded at once, as a bit set, which is quicker than `Structure.distances`.
+    """
+    up, right, width = structure.up, structure.right, structure.width
+    reached, moves = 1 << source, 0
+    while not reached >> target & 1:
+        beside = (reached & right) << 1 | reached >> 1 & right
+        flooded = reached | (reached & up) << width | reached >> width & up | beside
+        if flooded == reached:
+            return UNREACHABLE
+        reached, moves = flooded, moves + 1
+    return moves
 
 
 def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:

@@ -11,8 +11,15 @@ from itertools import islice
 
 import numpy as np
 
-from labyrinth_core.world.grid import checked_sides, manhattan, whole
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import (
+    UNREACHABLE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+    checked_sides,
+    whole,
+)
 from labyrinth_core.world.sampling import sample_structures
 
 ICE_SEARCH = 500_000
@@ -377,3 +384,9 @@ def _ends(
         far_enough = min(far_enough, max(apart.values()))
     ends = [cell for cell, moves in apart.items() if moves >= far_enough]
     return [ends[choice] for choice in rng.permutation(len(ends))]
+
+
+def manhattan(a: int, b: int, width: int) -> int:
+    """Return the number of moves between two cells of a grid without walls."""
+    (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)
+    return abs(row_a - row_b) + abs(column_a - column_b)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
-from labyrinth_core.world.grid import parse_size
+from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
 from pipeline.config.errors import ConfigError, listed

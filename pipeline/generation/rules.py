@@ -8,10 +8,9 @@ from dataclasses import replace
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS, Split
-from labyrinth_core.world.grid import manhattan
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
-from labyrinth_core.world.tasks import tiles_matter
+from labyrinth_core.world.tasks import manhattan, tiles_matter
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 from pipeline.generation.solve import Solution
 from pipeline.generation.variants import twin_problem

@@ -21,7 +21,7 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.solver import RouteMemory, moves_of
+from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.generation.variants import (
     TASKS_WITHOUT_TILES,
@@ -117,7 +117,7 @@ class SelectedShift:
 def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Measures | None:
     """Return the measures of a structure in a split, None if it cannot hold the task."""
     if config.task in TASKS_WITHOUT_TILES:  # A labyrinth would take seven times as long at 5x5.
-        moves = structure.least_moves(*start_and_goal(config, split, structure))
+        moves = least_moves(structure, *start_and_goal(config, split, structure))
     else:
         try:
             moves = moves_of(labyrinth_of(config, split, structure))

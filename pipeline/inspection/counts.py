@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions
 from pipeline.inspection.certificate import Keys, size_of

@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.batch_sampling import Structures
-from labyrinth_core.world.grid import horizontal_edges, vertical_edges
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.labyrinth import Structure, horizontal_edges, vertical_edges
 
 JOINED_WALLS = 3
 """The largest distance that is looked up; for larger ones all pairs are compared."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.texts import paragraph
 

@@ -10,7 +10,7 @@ from labyrinth_core.data.manifest import ANALYSIS
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, questions_config
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics

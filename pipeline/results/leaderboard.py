@@ -14,7 +14,7 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
-from labyrinth_core.world.grid import parse_size
+from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count, plain, table
 from pipeline.machinery.own_files import leave

@@ -12,7 +12,7 @@ from torch.nn import functional
 
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import NetworkSpec
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task
 
 ACTIONS = len(Action)

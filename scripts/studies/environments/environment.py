@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from environments.experts import expert_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action, replay
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import sample_labyrinth
 

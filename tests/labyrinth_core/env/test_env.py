@@ -23,13 +23,13 @@ from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import (
+    Action,
     State,
     is_terminal,
     reward,
     state_index,
     transition,
 )
-from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
 from labyrinth_core.world.tasks import tiles_matter

@@ -16,8 +16,7 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import State, visible_from
-from labyrinth_core.world.grid import neighbours
+from labyrinth_core.world.dynamics import State, neighbours, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task, breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]

@@ -9,16 +9,18 @@ from hypothesis import strategies as st
 
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import MAX_TEXT, decode
-from labyrinth_core.language.text import (
-    LabyrinthSyntaxError,
-    dump,
-    labyrinth_id,
-    load,
-    parse,
-)
+from labyrinth_core.language.source_text import MAX_TEXT, decode, parse_size
+from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
 from labyrinth_core.world.dynamics import initial
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task, identity
+from labyrinth_core.world.labyrinth import (
+    MAX_SIDE,
+    MIN_SIDE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+    identity,
+)
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 
@@ -224,3 +226,31 @@ def test_hidden_cells_are_covered_and_their_walls_too():
         "|   + - + ? |",
         "| @     | ? |",
     ]
+
+
+# Sizes.
+
+valid_sides = st.integers(MIN_SIDE, MAX_SIDE)
+
+
+@given(valid_sides, valid_sides)
+def test_a_size_is_height_by_width_and_one_number_a_square(height, width):
+    assert parse_size(f"{height}x{width}") == (height, width)
+    assert parse_size(str(height)) == (height, height)
+
+
+@pytest.mark.parametrize("text", [" 4x6 ", "4X6", "4 x 6", "04x6"])
+def test_a_size_may_be_written_loosely(text):
+    assert parse_size(text) == (4, 6)
+
+
+@pytest.mark.parametrize(
+    "text",
+    (
+        "|x|1|0|-3|1001|3x|x3|3x1|1x3|3x1001|3x3x3|3,4|3.0|3 4|three|1e1|0x10|"
+        "\N{ARABIC-INDIC DIGIT THREE}|3x\N{ARABIC-INDIC DIGIT THREE}|" + "9" * 5000
+    ).split("|"),
+)
+def test_a_size_that_is_none_is_refused_with_what_is_allowed(text):
+    with pytest.raises(ValueError, match=r"^size=.*: give a whole number from 2 to 1,000 such as"):
+        parse_size(text)

@@ -4,16 +4,18 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from brute_force import chi_square, is_over, passages_of, sees, situations, step, world_of
+from brute_force import WAYS, chi_square, is_over, passages_of, sees, situations, step, world_of
 from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
+    Action,
     Episode,
     State,
     initial,
     is_terminal,
+    neighbours,
     random_episode,
     replay,
     reward,
@@ -26,7 +28,6 @@ from labyrinth_core.world.dynamics import (
     transition_table,
     visible_from,
 )
-from labyrinth_core.world.grid import Action
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import shortest_route
 
@@ -35,6 +36,18 @@ def state_of(world, situation):
     """Return the library's state for a situation."""
     (row, column), has_key, door_open = situation
     return State(row * world.width + column, has_key, door_open)
+
+
+@given(st.integers(2, 12), st.integers(2, 12), st.data())
+def test_an_action_leads_to_the_neighbour_in_its_direction(height, width, data):
+    cell = data.draw(st.integers(0, height * width - 1))
+    row, column = divmod(cell, width)
+    expected = {
+        action: (row + rows) * width + column + columns
+        for action, (rows, columns) in WAYS.items()
+        if 0 <= row + rows < height and 0 <= column + columns < width
+    }
+    assert neighbours(cell, height, width) == expected
 
 
 @given(labyrinths())

@@ -1,6 +1,7 @@
 """Structures and labyrinths: identity, symmetries, and the rules each labyrinth keeps."""
 
 import pickle
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -21,7 +22,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths, randoms, structures
 
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.dynamics import Action
+from labyrinth_core.world.labyrinth import (
+    UNREACHABLE,
+    Labyrinth,
+    LabyrinthError,
+    Structure,
+    Task,
+    horizontal_edges,
+    vertical_edges,
+    whole,
+)
+from labyrinth_core.world.solver import least_moves
 
 # Passages.
 
@@ -104,7 +116,7 @@ def test_numbers_of_numpys_are_as_good_as_pythons():
     theirs = Labyrinth(structure, cells[0], cells[99], Task.ICY_FLOOR, ice=frozenset({cells[70]}))
     assert theirs == ours
     assert {type(cell) for cell in (theirs.start, theirs.goal, *theirs.ice)} == {int}
-    assert structure.least_moves(theirs.start, theirs.goal) == 18
+    assert least_moves(structure, theirs.start, theirs.goal) == 18
     with pytest.raises(ValueError, match=r"^goal=True: give a whole number$"):
         Labyrinth(structure, 0, True)
 
@@ -130,13 +142,6 @@ def test_distances_never_enter_blocked_cells(structure, data):
             assert distance == UNREACHABLE
         elif cell != source:
             assert distance == min(before - {UNREACHABLE}) + 1
-
-
-@given(structures(), st.data())
-def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structure, data):
-    cells = st.integers(0, structure.cells - 1)
-    source, target = data.draw(cells), data.draw(cells)
-    assert structure.least_moves(source, target) == structure.distances(source)[target]
 
 
 # Identity.
@@ -260,3 +265,54 @@ def test_a_broken_rule_that_no_text_can_break_is_named_with_the_cell(changes, ta
     with pytest.raises(LabyrinthError, match=message) as caught:
         labyrinth_of(replace(ROOM, **changes), Task(task))
     assert caught.value.cell == cell
+
+
+# Grids and numbers.
+
+sides = st.integers(2, 12)
+
+
+@given(sides, sides)
+def test_the_edge_sets_hold_every_pair_of_neighbours_once(height, width):
+    up, right = vertical_edges(height, width), horizontal_edges(height, width)
+    pairs = [
+        frozenset({divmod(cell, width), divmod(cell + step, width)})
+        for bits, step in ((up, width), (right, 1))
+        for cell in range(bits.bit_length())
+        if bits >> cell & 1
+    ]
+    assert sorted(map(sorted, pairs)) == sorted(map(sorted, grid_passages(height, width)))
+
+
+KINDS = [int, np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_whole_number_of_any_kind_becomes_one_of_pythons(kind):
+    number = whole("size", kind(5), 5, 5)
+    assert (number, type(number)) == (5, int)
+    assert whole("seed", 2**70, 0) == 2**70
+    assert type(whole("action", Action.LEFT)) is int
+
+
+@pytest.mark.parametrize(
+    "value",
+    [True, np.True_, 5.0, np.float64(5), np.timedelta64(5), "5", b"5", None, [5], np.array([5])],
+    ids=repr,
+)
+def test_what_is_no_whole_number_is_refused_with_what_is_allowed(value):
+    with pytest.raises(ValueError, match=rf"^size={re.escape(repr(value))}: give a whole number$"):
+        whole("size", value)
+
+
+@pytest.mark.parametrize(
+    ("value", "bounds", "message"),
+    [
+        (1, (2, 9), "size=1: give a whole number from 2 to 9"),
+        (np.int64(10), (2, 9), r"size=np.int64\(10\): give a whole number from 2 to 9"),
+        (-1, (0,), "size=-1: give a whole number from 0 on"),
+    ],
+)
+def test_a_number_out_of_bounds_is_refused_with_the_bounds(value, bounds, message):
+    with pytest.raises(ValueError, match=f"^{message}$"):
+        whole("size", value, *bounds)

@@ -23,7 +23,7 @@ from brute_force import (
 from brute_force import simple_routes as brute_simple_routes
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import labyrinths
+from strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
     State,
@@ -37,6 +37,7 @@ from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Structure, Ta
 from labyrinth_core.world.solver import (
     RouteMemory,
     distances,
+    least_moves,
     moves_and_routes,
     optimal_actions,
     shortest_route,
@@ -227,6 +228,13 @@ def test_a_limit_of_routes_or_steps_is_a_whole_number():
                 routes(labyrinth, wrong)
         with pytest.raises(ValueError, match=f"^max_steps={refused}"):
             random_episode(labyrinth, np.random.default_rng(0), wrong)
+
+
+@given(structures(), st.data())
+def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structure, data):
+    cells = st.integers(0, structure.cells - 1)
+    source, target = data.draw(cells), data.draw(cells)
+    assert least_moves(structure, source, target) == structure.distances(source)[target]
 
 
 # Remembered routes.
