@@ -154,6 +154,17 @@ class Structure:
             (up if high - low == width else right)[low] = "1"
         return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
 
+    @classmethod
+    def from_bytes(cls, height: int, width: int, data: bytes) -> Structure:
+        """Return the structure of a size with the passages `data`; the inverse of `to_bytes`."""
+        bits, cells = int.from_bytes(data, "little"), height * width
+        return cls(height, width, bits & (1 << cells) - 1, bits >> cells)
+
+    def to_bytes(self) -> bytes:
+        """Return the bits of `up`, then of `right`, from the lowest on; bits that fill up are 0."""
+        bits = self.right << self.cells | self.up
+        return bits.to_bytes(-(-2 * self.cells // 8), "little")
+
     def __reduce__(self) -> tuple[object, ...]:
         return Structure, (self.height, self.width, self.up, self.right)
 
@@ -197,6 +208,14 @@ class Structure:
         up, right = self.up, self.right
         down, left = up << self.width, right << 1
         return (up & right & (down | left) | down & left & (up | right)).bit_count()
+
+    @property
+    def dead_ends(self) -> int:
+        """The number of cells with one passage."""
+        up, right = self.up, self.right
+        down, left = up << self.width, right << 1
+        # Of three passages, two are up and right, or down and left.
+        return ((up ^ right ^ down ^ left) & ~(up & right | down & left)).bit_count()
 
     def distances(self, source: int, blocked: Collection[int] = ()) -> list[int]:
         """Return the least number of moves from `source` to each cell, avoiding `blocked` cells.

@@ -38,31 +38,20 @@ Records = NDArray[np.void]
 
 def record_type(config: DatasetConfig) -> np.dtype[np.void]:
     """Return the type of the items of `Records`."""
-    passages = f"V{-(-2 * config.height * config.width // 8)}"
-    return np.dtype([("id", "<i8"), ("split", "i1"), ("passages", passages)])
+    passages = Structure.without_walls(config.height, config.width).to_bytes()
+    return np.dtype([("id", "<i8"), ("split", "i1"), ("passages", f"V{len(passages)}")])
 
 
 def pack(config: DatasetConfig, structures: Iterable[tuple[Structure, int]]) -> Records:
     """Return structures, each with the place of its split, as records."""
-    kind = record_type(config)
-    length, shift = kind["passages"].itemsize, config.height * config.width
-    items = [
-        (
-            int(each.structure_id, 16),
-            split,
-            (each.right << shift | each.up).to_bytes(length, "little"),
-        )
-        for each, split in structures
-    ]
-    return np.array(items, kind)
+    items = [(int(each.structure_id, 16), split, each.to_bytes()) for each, split in structures]
+    return np.array(items, record_type(config))
 
 
 def unpack(config: DatasetConfig, records: Records) -> Iterator[Structure]:
     """Yield the structures that records hold."""
-    shift = config.height * config.width
     for passages in records["passages"]:
-        bits = int.from_bytes(passages.tobytes(), "little")
-        yield Structure(config.height, config.width, bits & (1 << shift) - 1, bits >> shift)
+        yield Structure.from_bytes(config.height, config.width, passages.tobytes())
 
 
 @dataclass(frozen=True)

@@ -22,8 +22,8 @@ from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes, write_text
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from pipeline.generation.candidates import Records, unpack
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from pipeline.generation.candidates import Records
 from pipeline.generation.fingerprint import Row
 from pipeline.generation.render import render
 from pipeline.generation.solve import solve
@@ -101,7 +101,8 @@ def make_shard(job: ShardJob) -> Shard:
     """The number and the parent of each labyrinth that is being solved."""
 
     def labyrinths() -> Iterator[Labyrinth]:
-        for number, structure in enumerate(unpack(config, job.structures), start=job.first):
+        for number, passages in enumerate(job.structures["passages"], start=job.first):
+            structure = Structure.from_bytes(config.height, config.width, passages.tobytes())
             try:
                 labyrinth, parent = labyrinth_and_parent(config, split, structure)
             except LabyrinthError:

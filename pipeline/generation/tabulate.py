@@ -19,11 +19,10 @@ from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, tabl
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import count_optimal
 from pipeline.generation.solve import Solution
 from pipeline.generation.write import arrow_schema, value_array
-from pipeline.inspection.near_twins import passage_table
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -53,7 +52,6 @@ class FactsOfShard:
     def __init__(self, split: str) -> None:
         self._demonstrated = split != "random"
         self._rows: list[tuple[int, ...]] = []
-        self._structures: list[Structure] = []
 
     def add(self, info: str, solution: Solution, parent: Labyrinth | None) -> None:
         """Add a labyrinth.
@@ -63,7 +61,7 @@ class FactsOfShard:
             solution: Its episodes.
             parent: The labyrinth that it was made from, None if it has no parent.
         """
-        labyrinth = solution.labyrinth
+        labyrinth, structure = solution.labyrinth, solution.labyrinth.structure
         moves, optimal_routes = solution.shortest
         routes = [episode.actions for episode in solution.episodes]
         own_id = int(labyrinth_id(info), 16)
@@ -72,11 +70,10 @@ class FactsOfShard:
             parent_id = int(labyrinth_id(parent), 16)
         steps = sum(map(len, routes))
         is_shortest = self._demonstrated and steps == moves * len(routes)
-        self._structures.append(labyrinth.structure)
         self._rows.append(
             (
                 own_id,
-                int(labyrinth.structure.structure_id, 16),
+                int(structure.structure_id, 16),
                 parent_id,
                 min(optimal_routes, MOST_ROUTES),
                 labyrinth.start,
@@ -86,36 +83,17 @@ class FactsOfShard:
                 len(routes),
                 steps + len(routes),  # A row for each state.
                 steps if is_shortest else count_optimal(labyrinth, routes),
-                *(0, 0, 0),  # Counted for all at once.
+                *(structure.loops, structure.junctions, structure.dead_ends),
             )
         )
 
     def array(self) -> Facts:
         """Return the facts, one item for each labyrinth."""
-        facts = np.array(self._rows, FACTS)
-        if self._rows:
-            structure, passages = self._structures[0], passage_table(self._structures)
-            ways = _ways(passages, structure.height, structure.width)
-            facts["loops"] = passages.sum(axis=1) - structure.cells + 1
-            facts["branching"] = (ways >= 3).sum(axis=1)
-            facts["dead_ends"] = (ways == 1).sum(axis=1)
-        return facts
+        return np.array(self._rows, FACTS)
 
 
 def _turns(actions: NDArray[np.int8]) -> int:
     return sum(one != other for one, other in pairwise(bytes(actions)))
-
-
-def _ways(passages: NDArray[np.bool_], height: int, width: int) -> NDArray[np.int8]:
-    """Return the number of passages of each cell, shape (structures, cells)."""
-    ways = np.zeros((len(passages), height, width), np.int8)
-    up, right = np.split(passages, [(height - 1) * width], axis=1)
-    up, right = up.reshape(-1, height - 1, width), right.reshape(-1, height, width - 1)
-    ways[:, :-1] += up
-    ways[:, 1:] += up
-    ways[:, :, :-1] += right
-    ways[:, :, 1:] += right
-    return ways.reshape(len(passages), -1)
 
 
 def facts_path(building: AnyPath, shard: Shard) -> AnyPath:

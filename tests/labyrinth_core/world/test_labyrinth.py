@@ -51,6 +51,7 @@ def test_passages_and_moves_show_the_bits_that_define_a_structure(structure):
             assert divmod(target, width) == (ahead if is_open else (row, column))
     ways = Counter(place for pair in expected for place in pair)
     assert structure.junctions == sum(count > 2 for count in ways.values())
+    assert structure.dead_ends == sum(count == 1 for count in ways.values())
     assert structure.loops == len(expected) - structure.cells + 1
     assert structure.is_connected == is_connected(height, width, expected)
 
@@ -61,6 +62,18 @@ def test_from_passages_takes_the_passages_in_any_order_and_direction(structure, 
     random.shuffle(pairs)
     twice = pairs + pairs
     assert Structure.from_passages(structure.height, structure.width, twice) == structure
+
+
+@given(structures())
+def test_a_structure_is_read_back_from_its_bytes_which_are_as_few_as_hold_it(structure):
+    packed = structure.to_bytes()
+    assert Structure.from_bytes(structure.height, structure.width, packed) == structure
+    assert 8 * len(packed) - 7 <= 2 * structure.cells <= 8 * len(packed)
+
+
+def test_the_bytes_of_a_structure_are_those_in_the_files_of_candidates():
+    structure = Structure.from_passages(2, 3, [(0, 3), (1, 2), (4, 5)])
+    assert structure.to_bytes() == bytes([0b1000_0001, 0b0000_0100])
 
 
 @pytest.mark.parametrize("pair", [(0, 2), (2, 3), (0, 0), (0, 4), (5, 8), (-1, 0), (-3, 0)])
