@@ -13,19 +13,13 @@ from typing import NamedTuple, NoReturn
 
 import numpy as np
 
-from labyrinth_core.language.settings import (
-    HEADING,
-    SETTINGS,
-    Settings,
-    dump_settings,
-    parse_settings,
-)
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
 from labyrinth_core.world.labyrinth import (
     MAX_SIDE,
     MIN_SIDE,
     Labyrinth,
     LabyrinthError,
+    Look,
     Structure,
     Task,
     digits,
@@ -42,6 +36,35 @@ __all__ = [
     "load",
     "parse",
 ]
+
+SETTINGS = {
+    "key_and_lock": Task.KEY_AND_DOOR,
+    "icy_floor": Task.ICY_FLOOR,
+    "occlusion": Task.PARTIAL_OBSERVABILITY,
+}
+"""Setting -> the task that it switches on, in the order in which `dump` writes them."""
+
+_SETTINGS_OF = {
+    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
+    for task in Task
+}
+"""The settings of each task as text."""
+
+_HEADING = "labyrinth"
+"""The line that announces the drawing, without its colon."""
+
+_LOOK = "look"
+_SETTING = re.compile(r" *([^:]*)(:?) *(.*)")
+_FIRST_WORD = re.compile(r" *([^ :]*) *(:?) *")
+
+_LOOKS = tuple(map(str, Look))
+_VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
+    _LOOK: re.compile("|".join(_LOOKS)),
+}
+"""The values that each setting may have, in small letters."""
+_EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
+    _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
+}
 
 _VERTICAL = bytes.maketrans(b"01", b"| ")
 _HORIZONTAL = bytes.maketrans(b"01", b"- ")
@@ -62,7 +85,7 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
     """
     source = Source(text, file)
-    settings = parse_settings(source)
+    settings = _parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
     try:
@@ -70,6 +93,72 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     except LabyrinthError as error:
         offset = settings.offset if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error
+
+
+class _Settings(NamedTuple):
+    """The settings above a drawing."""
+
+    task: Task
+    offset: int
+    """Offset of the setting that switches the task on, or of the heading if none is on."""
+    look: Look
+
+
+def _parse_settings(source: Source) -> _Settings:
+    """Return the settings above the drawing, and read on to it.
+
+    setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
+    look = "look" ":" ("plain" | "recoloured" | "thin_walls")
+    """
+    switched_on: tuple[Task, int] | None = None
+    look = Look.PLAIN
+    seen: dict[str, int] = {}
+    while True:
+        offset, line = source.next_line()
+        match = _SETTING.match(line)
+        assert match, "every part of the pattern may be empty"
+        name, colon, value = match[1].rstrip(" "), match[2], match[3]
+        place, value_at = offset + match.start(1), offset + match.start(3)
+        if name == _HEADING and colon and not value:
+            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look)
+        if name not in _VALUES or not colon:
+            _refuse_setting(source, offset, line)
+        if name in seen:
+            expected = "each setting at most once"
+            found = f"{name} again, after line {source.line_number(seen[name])}"
+            source.fail(place, "a setting is given twice", expected, found)
+        seen[name] = place
+        if not _VALUES[name].fullmatch(value.lower()):
+            found = quoted(value) if value else "the end of the line"
+            source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
+        if name == _LOOK:
+            look = Look(value.lower())
+        elif value.lower() == "true":
+            if switched_on:
+                found = f"{name}, after line {source.line_number(switched_on[1])}"
+                source.fail(place, "two tasks are switched on", "one task at most", found)
+            switched_on = SETTINGS[name], place
+
+
+def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
+    """Raise the error for a line before the drawing that is neither setting nor heading."""
+    from difflib import get_close_matches
+
+    match = _FIRST_WORD.match(line)
+    assert match, "every part of the pattern may be empty"
+    word, place = match[1], offset + match.start(1)
+    if word in (_HEADING, *_VALUES):
+        if match[2]:
+            message = "the drawing begins on a line of its own"
+            source.fail(offset + match.end(), message, "the end of the line")
+        source.fail(offset + match.end(), f"after {word}", "':'")
+    if not line or line[0] in "-|":
+        found = quoted(line.strip(" "))
+        source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
+    close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
+    hint = f" (did you mean {close[0]}?)" if close else ""
+    expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
+    source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
 
 
 class _Drawing(NamedTuple):
@@ -197,7 +286,7 @@ def _parse_end(source: Source) -> None:
             source.fail(place, message, wanted, quoted(text))
 
 
-def _build(source: Source, drawing: _Drawing, settings: Settings, seed: int) -> Labyrinth:
+def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
     """Return the labyrinth that is drawn, with the tiles that its task lacks."""
     structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = default_start_and_goal(structure.height, structure.width)
@@ -270,7 +359,9 @@ def dump(labyrinth: Labyrinth) -> str:
         drawing[line + 4 : line + length : 4] = beside[first:last]
         if row:
             drawing[line - length + 2 : line : 4] = above[first:last]
-    return f"{dump_settings(labyrinth)}\n{HEADING}:\n{drawing.decode()}end\n"
+    look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
+    settings = f"{_SETTINGS_OF[labyrinth.task]}{look}"
+    return f"{settings}\n{_HEADING}:\n{drawing.decode()}end\n"
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:
