@@ -7,7 +7,7 @@ remembered; a picture is the strips joined. The Adler-32 of the whole follows fr
 strips, so that of a picture with a few strips exchanged follows from theirs. A repeated row is the
 filter "up" over nothing but zeros, whatever the row holds, so its compressed form depends only on
 the length: what a new strip costs is one row of pixels. Reading such a file, too, unpacks each
-different row once.
+different row once. The digest of a picture's pixels is made of its rows in the same way.
 
 Pictures are truecolour, 8 bits a channel (colour type 2), so that every reader sees three
 channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32, RFC 1950.
@@ -15,6 +15,7 @@ channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32
 
 from __future__ import annotations
 
+import hashlib
 import struct
 import zlib
 from collections.abc import Mapping, Sequence
@@ -66,6 +67,10 @@ _FLUSH = b"\x00\x00\xff\xff"
 _LAST_BLOCK = b"\x03\x00"
 """An empty deflate block marked as the last."""
 _NUMBER, _SUMS = struct.Struct(">I"), struct.Struct(">HH")
+
+_DIGEST_MODULUS = 2**127 - 1
+_DIGEST_BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
+"""Digits of half the golden ratio, which are arbitrary but not chosen."""
 
 
 class Piece(NamedTuple):
@@ -258,3 +263,65 @@ def _header(width: int, height: int) -> bytes:
 
 
 _END = _chunk(b"IEND", b"")
+
+
+class PictureDigest:
+    """The digest of the pixels of a picture, sixteen bytes, and of it with strips exchanged.
+
+    The digest is the value of a polynomial at a fixed base, modulo 2**127 - 1. Its coefficients are
+    the BLAKE2b hashes of the rows of pixels, sixteen bytes each; the lowest row's is the constant
+    term (Karp and Rabin, 1987). As it is a sum, a change of a row changes one summand.
+    """
+
+    def __init__(self, strips: Sequence[Strip]) -> None:
+        """Take the picture with nothing exchanged."""
+        sums_and_heights = [_strip_sum(strip) for strip in strips]
+        self._sums = [strip_sum for strip_sum, _ in sums_and_heights]
+        self._powers = _powers(tuple(height for _, height in sums_and_heights))
+        self._sum: int = sum(map(mul, self._sums, self._powers))
+
+    def digest(self, changes: Mapping[int, Strip]) -> bytes:
+        """Return the digest with strips, counted from the top, exchanged for as high ones."""
+        total = self._sum
+        for place, strip in changes.items():
+            total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
+        return (total % _DIGEST_MODULUS).to_bytes(16, "little")
+
+
+@lru_cache(maxsize=64)
+def _powers(heights: tuple[int, ...]) -> list[int]:
+    """Return the factor of each strip: the base to the power of the number of rows below it."""
+    powers = [1]
+    for height in heights[:0:-1]:
+        powers.append(powers[-1] * _repeated(height)[1] % _DIGEST_MODULUS)
+    return powers[::-1]
+
+
+# Without the cache of `_strip_sum` or `_repeated` the build writes 0.7 or 0.6 times as many rows a
+# second at 5x5; without that of `_row_hash` 0.96 times as many at 25x25.
+
+
+@lru_cache(maxsize=8_192)
+def _strip_sum(strip: Strip) -> tuple[int, int]:
+    """Return the sum of a strip at the bottom of a picture, and the strip's height."""
+    total = height = 0
+    for row, count in strip:
+        repeated, power = _repeated(count)
+        total = (total * power + _row_hash(row) * repeated) % _DIGEST_MODULUS
+        height += count
+    return total, height
+
+
+@lru_cache(maxsize=8_192)
+def _row_hash(row: bytes) -> int:
+    return int.from_bytes(hashlib.blake2b(row, digest_size=16).digest(), "little")
+
+
+@lru_cache(maxsize=1_024)
+def _repeated(count: int) -> tuple[int, int]:
+    """Return the factors of a row that comes `count` times, and of all that is above it.
+
+    They are the sum of the powers of the base below `count`, and the power `count`.
+    """
+    power = pow(_DIGEST_BASE, count, _DIGEST_MODULUS)
+    return (power - 1) * pow(_DIGEST_BASE - 1, -1, _DIGEST_MODULUS) % _DIGEST_MODULUS, power

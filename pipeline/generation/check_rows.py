@@ -21,9 +21,9 @@ from labyrinth_core.data.part import Part
 from labyrinth_core.data.rows import readable, tables_of
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in
+from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from pipeline.generation.fingerprint import PictureDigest, Row
+from pipeline.generation.fingerprint import Row
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 from pipeline.generation.solve import Solution, solve

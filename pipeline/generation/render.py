@@ -7,11 +7,11 @@ from itertools import chain, repeat
 from typing import NamedTuple
 
 from labyrinth_core.data.columns import NO_ACTION
-from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
+from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.generation.fingerprint import PictureDigest, Row
+from pipeline.generation.fingerprint import Row
 
 REMEMBERED_BYTES = 32 << 20
 """The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
@@ -65,7 +65,7 @@ class Picture(NamedTuple):
 
     png: bytes
     digest: bytes
-    """See `fingerprint.PictureDigest`."""
+    """See `png.PictureDigest`."""
 
 
 class Pictures(dict[State, Picture]):

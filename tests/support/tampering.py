@@ -19,12 +19,12 @@ from PIL import Image
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.pictures.png import strips_in
+from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.generation.fingerprint import Fingerprint, PictureDigest, Row
+from pipeline.generation.fingerprint import Fingerprint, Row
 from pipeline.generation.validate import validate
 from pipeline.generation.write import arrow_schema
 

@@ -1,5 +1,6 @@
-"""The encoder's files: strict PNG, and the pixels that were given."""
+"""The encoder's files: strict PNG, and the pixels that were given; and the digest of pixels."""
 
+import hashlib
 import io
 import random
 import subprocess
@@ -11,7 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
-from labyrinth_core.pictures.png import Mosaic, encode
+from labyrinth_core.pictures.png import Mosaic, PictureDigest, encode, strips_in
 
 WHITE, BLACK = b"\xff\xff\xff", b"\0\0\0"
 
@@ -93,3 +94,39 @@ def test_pngcheck_finds_nothing_wrong(tmp_path):
         checked = subprocess.run(["pngcheck", "-v", path], capture_output=True, text=True)
         assert checked.returncode == 0, checked.stdout
         assert "No errors detected" in checked.stdout
+
+
+# The digest.
+
+
+def digest(*strips):
+    return PictureDigest(strips).digest({})
+
+
+@given(pictures())
+def test_a_picture_has_the_same_digest_in_bands_and_decoded(picture):
+    strips, width = picture
+    assert digest(*strips) == digest(*strips_in(pixels(strips, width)))
+
+
+@given(pictures(), st.data())
+def test_a_picture_with_strips_exchanged_has_the_digest_it_has_anew(picture, data):
+    strips, width = picture
+    rows = st.binary(min_size=3 * width, max_size=3 * width)
+    places = data.draw(st.sets(st.integers(0, len(strips) - 1)))
+    changes = {
+        place: tuple((data.draw(rows), count) for _, count in strips[place])
+        for place in sorted(places)
+    }
+    changed = [changes.get(place, strip) for place, strip in enumerate(strips)]
+    assert PictureDigest(strips).digest(changes) == digest(*changed)
+
+
+def test_the_digest_is_the_polynomial_that_is_written_down():
+    rows = [b"abcdef", b"ghijkl", b"ghijkl", b"abcdef"]
+    base, modulus = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A, 2**127 - 1
+    value = 0
+    for row in rows:
+        hashed = hashlib.blake2b(row, digest_size=16).digest()
+        value = (value * base + int.from_bytes(hashed, "little")) % modulus
+    assert digest(*(((row, 1),) for row in rows)) == value.to_bytes(16, "little")

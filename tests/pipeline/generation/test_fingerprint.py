@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.pictures.png import Strip, strips_in
-from pipeline.generation.fingerprint import Fingerprint, PictureDigest, Row
+from pipeline.generation.fingerprint import Fingerprint, Row
 
 rows = st.builds(
     Row,
@@ -48,48 +44,3 @@ def test_any_change_of_a_row_changes_the_fingerprint(some: list[Row], data: st.D
     )
     changed = [*some[:place], row._replace(**change), *some[place + 1 :]]
     assert fingerprint(changed) != fingerprint(some)
-
-
-pictures = st.lists(
-    st.tuples(st.binary(min_size=6, max_size=6), st.integers(1, 4)), min_size=1, max_size=6
-)
-
-
-def pixels(bands: list[tuple[bytes, int]]) -> np.ndarray:
-    picture = np.frombuffer(b"".join(row * count for row, count in bands), np.uint8)
-    return picture.reshape(-1, 2, 3)
-
-
-def digest(*strips: Strip) -> bytes:
-    return PictureDigest(strips).digest({})
-
-
-@given(pictures)
-def test_a_picture_has_the_same_digest_in_bands_and_decoded(bands: list[tuple[bytes, int]]) -> None:
-    assert digest(tuple(bands)) == digest(*strips_in(pixels(bands)))
-
-
-@given(pictures, st.lists(pictures, min_size=1, max_size=4), st.data())
-def test_a_picture_with_strips_exchanged_has_the_digest_it_has_anew(
-    above: list[tuple[bytes, int]], others: list[list[tuple[bytes, int]]], data: st.DataObject
-) -> None:
-    strips = [tuple(above), *map(tuple, others)]
-    places = data.draw(st.sets(st.integers(0, len(strips) - 1)))
-    changes = {
-        place: tuple(
-            (data.draw(st.binary(min_size=6, max_size=6)), count) for _, count in strips[place]
-        )
-        for place in sorted(places)
-    }
-    changed = [changes.get(place, strip) for place, strip in enumerate(strips)]
-    assert PictureDigest(strips).digest(changes) == digest(*changed)
-
-
-def test_the_digest_is_the_polynomial_that_is_written_down() -> None:
-    rows = [b"abcdef", b"ghijkl", b"ghijkl", b"abcdef"]
-    base, modulus = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A, 2**127 - 1
-    value = 0
-    for row in rows:
-        hashed = hashlib.blake2b(row, digest_size=16).digest()
-        value = (value * base + int.from_bytes(hashed, "little")) % modulus
-    assert digest(*(((row, 1),) for row in rows)) == value.to_bytes(16, "little")
