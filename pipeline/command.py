@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import traceback
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
@@ -131,9 +132,11 @@ def _error_of(config: DictConfig) -> str | None:
     except ConfigError as error:
         return f"error: {error}"
     try:
-        run = resolve(options)
-        options, given = run.options, HydraConfig.get().overrides.task
-        check_there(run, given)
+        given = HydraConfig.get().overrides.task
+        named = {each.partition("=")[0] for each in given}
+        run = replace(resolve(options), names_dataset=not named.isdisjoint({"size", "task"}))
+        options = run.options
+        check_there(run)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         for stage in stages:  # What a later one would refuse is refused before the first begins.
             getattr(stage, "refuse", lambda _: None)(run)
