@@ -44,7 +44,7 @@ from pipeline.generation.write import arrow_schema, no_garbage_collection
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.own_files import is_litter
 
@@ -206,7 +206,7 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
 
 def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[CheckJob]:
     """Yield the job of each shard; labyrinths that have a parent are numbered like it."""
-    same_bytes = dict(manifest.versions) == current_versions()
+    same_bytes = dict(manifest.versions) == build_versions()
     train, shards_of, table_row = _train(folder, manifest), _shards_of(manifest), 0
     for split, shards in shards_of.items():
         parent = SPLITS[split].parent

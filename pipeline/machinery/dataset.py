@@ -62,7 +62,7 @@ def manifest_of(run: Run) -> Manifest:
     return manifest
 
 
-def current_versions() -> dict[str, str]:
+def build_versions() -> dict[str, str]:
     """Return the versions of all that shapes the bytes of a dataset in this process."""
     return {
         "labyrinth-datasets": __version__,
