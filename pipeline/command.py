@@ -32,6 +32,8 @@ from pipeline.config.training import CONF
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
+    FAULTS_OF_DISKS,
+    GOES_ON,
     answer_signals,
     end_interrupted,
     end_without_output,
@@ -179,6 +181,8 @@ def _explained(error: Exception) -> str:
             print(flush=True)
         except OSError as lost:
             end_without_output(lost)
+        if error.errno in FAULTS_OF_DISKS:  # Of a file that is open, whose name is not told.
+            return f"error: {error.strerror}: once that is put right, {GOES_ON}"
     return "".join(traceback.format_exception(error)).rstrip()
 
 
