@@ -6,6 +6,7 @@ import os
 import shutil
 import sys
 import traceback
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from tempfile import gettempdir
@@ -31,6 +32,8 @@ from pipeline.config.training import CONF
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
+    FAULTS_OF_DISKS,
+    GOES_ON,
     answer_signals,
     end_interrupted,
     end_without_output,
@@ -131,9 +134,11 @@ def _error_of(config: DictConfig) -> str | None:
     except ConfigError as error:
         return f"error: {error}"
     try:
-        run = resolve(options)
-        options, given = run.options, HydraConfig.get().overrides.task
-        check_there(run, given)
+        given = HydraConfig.get().overrides.task
+        named = {each.partition("=")[0] for each in given}
+        run = replace(resolve(options), names_dataset=not named.isdisjoint({"size", "task"}))
+        options = run.options
+        check_there(run)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
         for stage in stages:  # What a later one would refuse is refused before the first begins.
             getattr(stage, "refuse", lambda _: None)(run)
@@ -176,6 +181,8 @@ def _explained(error: Exception) -> str:
             print(flush=True)
         except OSError as lost:
             end_without_output(lost)
+        if error.errno in FAULTS_OF_DISKS:  # Of a file that is open, whose name is not told.
+            return f"error: {error.strerror}: once that is put right, {GOES_ON}"
     return "".join(traceback.format_exception(error)).rstrip()
 
 

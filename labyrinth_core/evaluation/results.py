@@ -335,5 +335,5 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
 
 def results_in(run_dir: Path) -> list[Path]:
-    """Return the files of results in the folders of a folder of runs."""
-    return sorted(run_dir.glob(f"*/*/{RESULTS}"))
+    """Return the files of results in the folders of a folder of runs, except hidden folders."""
+    return sorted(run_dir.glob(f"[!.]*/[!.]*/{RESULTS}"))

@@ -141,6 +141,8 @@ class Run:
     """Those of the stages that are asked for are checked."""
     dataset: DatasetConfig
     data_dir: AnyPath
+    names_dataset: bool = False
+    """Whether the command line names the size or the task, which stages of all datasets ask."""
 
     @property
     def part(self) -> tuple[int, int] | None:

@@ -25,7 +25,7 @@ from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
-from pipeline.training.record import current_versions, read_record
+from pipeline.training.record import read_record, training_versions
 from pipeline.training.train import choose_device, loader_of, spec_of
 
 
@@ -89,7 +89,7 @@ def judge_trained(run: Run) -> Judged:
         training={name: record[name] for name in ("epochs", "seconds", "selected", "computed")},
         evaluated={
             "device": device.type,
-            "versions": current_versions(),
+            "versions": training_versions(),
             "weights": file_sha256(folder / POLICY),
         },
         references_know=None if learnt is None else about["fingerprint"],

@@ -35,7 +35,7 @@ from pipeline.generation.tabulate import read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
@@ -197,7 +197,7 @@ def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manif
         shards = _joined(run, plan.jobs, parts) if parts else _made(run, plan.jobs)
         _check_shifts(run.dataset, shards)
         labyrinths = _tabulate(run.dataset, workplace, workplace.shards, shards)
-        manifest = Manifest(run.dataset, current_versions(), shards, labyrinths, plan.format)
+        manifest = Manifest(run.dataset, build_versions(), shards, labyrinths, plan.format)
         workplace.commit(manifest)
     except ConfigError:  # There are too few labyrinths, so the shards are of no use.
         workplace.clear()

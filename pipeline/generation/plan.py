@@ -18,7 +18,7 @@ from pipeline.generation.shards import OldShard, ShardJob
 from pipeline.generation.tabulate import Facts, table_facts
 from pipeline.generation.workplace import Workplace
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.markdown import count
 
@@ -115,7 +115,7 @@ def unchanged(
             of the shorter one is missing or damaged.
     """
     facts, first, kept = table_facts(folder, shorter), 0, {}
-    same_versions = dict(shorter.versions) == current_versions()
+    same_versions = dict(shorter.versions) == build_versions()
     for split in shorter.config.splits:
         shards, begin = shorter.of(split), first
         for number, shard in enumerate(shards):

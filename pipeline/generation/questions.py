@@ -28,7 +28,7 @@ from pipeline.generation.write import arrow_schema
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 
@@ -90,7 +90,7 @@ def _make(run: Run, manifest: Manifest, place: Workplace) -> Manifest:
         made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
         total = sum(job.shard.labyrinths for job in jobs)
         shards = tuple(tracked(made, "questions", total=total))
-        questions = Manifest(manifest.config, current_versions(), shards, format=manifest.format)
+        questions = Manifest(manifest.config, build_versions(), shards, format=manifest.format)
         place.commit(questions)
     except BaseException:
         place.abandon()
@@ -156,7 +156,7 @@ def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -
     name = manifest.config.name
     jobs = _jobs(data_dir / name, manifest, data_dir / questions_config(name))
     pairs = list(zip(jobs, questions.shards, strict=True))
-    check = partial(_check, same_bytes=dict(questions.versions) == current_versions())
+    check = partial(_check, same_bytes=dict(questions.versions) == build_versions())
     return [line for lines in ordered_map(check, pairs, workers) for line in lines]
 
 

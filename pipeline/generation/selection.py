@@ -31,6 +31,7 @@ from pipeline.generation.shifts import (
 from pipeline.generation.solve import solve
 from pipeline.generation.variants import labyrinth_of
 from pipeline.inspection.near_twins import Neighbourhood
+from pipeline.machinery.console import tracked
 
 
 class Candidate(NamedTuple):
@@ -61,7 +62,8 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     targets = [measures for measures in measured if measures is not None]  # As test holds the task.
 
     def of(split: str) -> Iterator[tuple[Structure, int]]:
-        return ((each, UNFIT) for each in select(config, split, train, targets, taken))
+        found = ((1, each) for each in select(config, split, train, targets, taken))
+        return ((each, UNFIT) for each in tracked(found, split, config.labyrinths))
 
     return {split: pack(config, of(split)) for split in selected_shifts(config)}
 

@@ -44,7 +44,7 @@ from pipeline.generation.write import arrow_schema, no_garbage_collection
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.own_files import is_litter
 
@@ -101,7 +101,12 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
         workers: The number of processes.
     """
     problems, comparable = table_file_problems(folder, manifest)
-    jobs = list(_jobs(folder, manifest, comparable))
+    try:
+        train = _train(folder, manifest)
+    except DatasetError as error:
+        train, shifts = Train(), ", ".join(selected_shifts(manifest.config))
+        problems.append(f"{shifts}: not compared with train, which cannot be read: {error}")
+    jobs = list(_jobs(folder, manifest, comparable, train))
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
         "validate",
@@ -204,10 +209,12 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
     return {split: [shard for shard in shards if shard.split == split] for split in splits}
 
 
-def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[CheckJob]:
+def _jobs(
+    folder: AnyPath, manifest: Manifest, with_table: bool, train: Train
+) -> Iterator[CheckJob]:
     """Yield the job of each shard; labyrinths that have a parent are numbered like it."""
-    same_bytes = dict(manifest.versions) == current_versions()
-    train, shards_of, table_row = _train(folder, manifest), _shards_of(manifest), 0
+    same_bytes = dict(manifest.versions) == build_versions()
+    shards_of, table_row = _shards_of(manifest), 0
     for split, shards in shards_of.items():
         parent = SPLITS[split].parent
         numbered = shards_of[parent] if parent else shards
@@ -230,23 +237,24 @@ def _jobs(folder: AnyPath, manifest: Manifest, with_table: bool) -> Iterator[Che
 
 
 def _train(folder: AnyPath, manifest: Manifest) -> Train:
-    """Return what train has, as far as the shifts of a dataset need it."""
+    """Return what train has, as far as the shifts of a dataset need it.
+
+    Raises:
+        DatasetError: Train cannot be read.
+    """
     config = manifest.config
     if not selected_shifts(config):
         return Train()
     cells = config.height * config.width
     routes = (route for shard in manifest.of("train") for route in routes_of(folder, shard))
     of_labyrinths = groupby(routes, lambda route: route.labyrinth)
-    try:
-        return train_of(
-            config,
-            (
-                (labyrinth, ([state % cells for state in route.states] for route in its_routes))
-                for labyrinth, its_routes in of_labyrinths
-            ),
-        )
-    except DatasetError:  # The check of the shard says it.
-        return Train()
+    return train_of(
+        config,
+        (
+            (labyrinth, ([state % cells for state in route.states] for route in its_routes))
+            for labyrinth, its_routes in of_labyrinths
+        ),
+    )
 
 
 def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:

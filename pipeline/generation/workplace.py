@@ -24,7 +24,7 @@ from labyrinth_core.data.storage import (
     write_text,
 )
 from pipeline.inspection.statistics import own_files
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
 from pipeline.machinery.own_files import HASHES, is_litter
 
@@ -249,7 +249,7 @@ def _content(config: DatasetConfig | None) -> dict[str, Any]:
     """Return what the shards of a build follow from."""
     return {
         "config": None if config is None else config.to_json(),
-        "versions": current_versions(),
+        "versions": build_versions(),
         "parts": None,
     }
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import zlib
-from collections.abc import Iterable
 from importlib.metadata import version
 
 import numpy as np
@@ -20,12 +19,8 @@ WHOLE_FOLDER = ("card", "report", "publish")
 """The stages that work on all datasets of a folder, whichever `size` and `task` name."""
 
 
-def check_there(run: Run, given: Iterable[str]) -> None:
+def check_there(run: Run) -> None:
     """Check that the dataset is there that a command names for a stage of the whole folder.
-
-    Args:
-        run: The run.
-        given: The options of the command line, each as `name=value`.
 
     Raises:
         DatasetError: The dataset is not there.
@@ -33,8 +28,7 @@ def check_there(run: Run, given: Iterable[str]) -> None:
     stages = {*run.options.stages}
     if not run.options.publish.repo_id:  # Such as a policy, which is on a dataset of the Hub.
         stages.discard("publish")
-    named = {"size", "task"} & {each.partition("=")[0] for each in given}
-    if named and stages & {*WHOLE_FOLDER} and "build" not in stages:
+    if run.names_dataset and stages & {*WHOLE_FOLDER} and "build" not in stages:
         _check_there(run)
 
 
@@ -68,7 +62,7 @@ def manifest_of(run: Run) -> Manifest:
     return manifest
 
 
-def current_versions() -> dict[str, str]:
+def build_versions() -> dict[str, str]:
     """Return the versions of all that shapes the bytes of a dataset in this process."""
     return {
         "labyrinth-datasets": __version__,

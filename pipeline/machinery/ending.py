@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import sys
@@ -12,6 +13,10 @@ from types import FrameType
 from typing import NoReturn
 
 GOES_ON = "the same command goes on from what is finished"
+
+_FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ENOTCONN", "ETIMEDOUT")
+FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(errno, each))
+"""The numbers of errors of disks and network folders, which no change of the program mends."""
 
 PATIENCE = 10
 """Seconds in which the work may clear up after an interruption."""

@@ -7,7 +7,7 @@ the same data give the same bytes.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -80,6 +80,7 @@ def write_card(
     release: Release | None = None,
     *,
     workers: int = 1,
+    first: Callable[[], None] = lambda: None,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
 
@@ -90,6 +91,7 @@ def write_card(
         data_dir: The folder.
         release: What is known of the release, if it is one.
         workers: The number of processes that read shards.
+        first: Called when the datasets are read, before anything is written; it may raise.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
@@ -97,10 +99,12 @@ def write_card(
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, release or Release(), workers)
+        return _write_card(data_dir, release or Release(), workers, first)
 
 
-def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[DatasetStatistics]:
+def _write_card(
+    data_dir: AnyPath, release: Release, workers: int, first: Callable[[], None]
+) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
     own = own_files(data_dir)
     versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
@@ -121,6 +125,7 @@ def _write_card(data_dir: AnyPath, release: Release, workers: int) -> list[Datas
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
+    first()
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:

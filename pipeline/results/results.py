@@ -42,7 +42,8 @@ def run(run: Run) -> None:
 
     Raises:
         ConfigError: A folder is given with a revision.
-        DatasetError: There are no results, or two runs cannot be compared.
+        DatasetError: There are no results, or none on the dataset that the command line names, or
+            two runs cannot be compared.
         RefusedError: Some files do not add up; all else is written.
     """
     run_dir, results_dir = (
@@ -56,6 +57,12 @@ def run(run: Run) -> None:
         raise DatasetError(
             f"{results_dir} holds no results, and neither does run_dir: "
             "'stages=[train,evaluate]' makes some"
+        )
+    configs = {each.config for each in [*found.values(), *submissions]}
+    if run.names_dataset and run.dataset.name not in configs and not refused:
+        raise DatasetError(
+            f"there are no results on {run.dataset.name}: those of {run_dir} and {results_dir} are "
+            f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
     methods = by_method(comparable(found))
     if methods:

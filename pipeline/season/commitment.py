@@ -24,7 +24,7 @@ from labyrinth_core.data.schema import COUNT, Named, Text, check_shape, read_jso
 from labyrinth_core.data.storage import write_text
 from pipeline.config.run import Run
 from pipeline.generation.build import build
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 
 PREFIX = b"labyrinth season, seed, version 1\n"
 KIND, FORMAT = "labyrinth-season", 1
@@ -120,7 +120,7 @@ class Season:
             secret_sha256=hashlib.sha256(secret).hexdigest(),
             fingerprint=manifest.fingerprint,
             shards={shard.path: shard.sha256 for shard in manifest.shards},
-            versions=current_versions(),
+            versions=build_versions(),
         )
 
     @classmethod

@@ -12,7 +12,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.run import Run
 from pipeline.machinery.console import say
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.judge import Row, judged, read_rows
@@ -55,7 +55,7 @@ def _other_files(season: Season, paths: list[str]) -> int:
     if not paths:
         say(f"All {len(season.shards)} files of the test are equal to the last bit.")
         return 0
-    here, then = current_versions(), season.versions
+    here, then = build_versions(), season.versions
     unlike = [f"{name} {then.get(name)}, here {here[name]}" for name in here]
     unlike = [line for line, name in zip(unlike, here, strict=True) if then.get(name) != here[name]]
     why = f"written by {'; '.join(unlike)}" if unlike else "though by the same versions"

@@ -32,7 +32,7 @@ _EVENTS = "events.out.tfevents.*"
 FORMAT = 1
 
 
-def current_versions() -> dict[str, str]:
+def training_versions() -> dict[str, str]:
     """Return the versions of this package, of Python and of the libraries that affect weights."""
     libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
     return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
@@ -65,7 +65,7 @@ def write_record(
     content = {
         "format": FORMAT,
         "run": identity,
-        "computed": {**computed, "versions": current_versions()},
+        "computed": {**computed, "versions": training_versions()},
         "seconds": round(progress.seconds, 3),
         "epochs": progress.epoch,
         "selected": progress.best,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import re
 import shlex
@@ -55,6 +56,23 @@ def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
     runs = 2 if sweep else 1
     assert done.stderr.count("Traceback (most recent call last):") == runs
     assert len(re.findall(r"^[\w.]+: '?my own'?$", done.stderr, re.MULTILINE)) == runs
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EIO, errno.ESTALE])
+def test_a_fault_of_a_disk_whose_file_is_not_named_is_told_in_one_line(
+    tmp_path: Path, number: int
+) -> None:
+    reason = os.strerror(number)
+    done = subprocess.run(
+        [python(), "-c", PROGRAM.format(stage=f"raise OSError({number}, {reason!r})"), "size=3"],
+        env={"PYTHONPATH": str(RUN.parent)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    told = "once that is put right, the same command goes on from what is finished"
+    assert error_of(done) == f"error: {reason}: {told}"
 
 
 def test_a_folder_for_temporary_files_that_is_missing_is_told_in_one_line(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import LARGEST, Results
+from labyrinth_core.evaluation.results import LARGEST, Results, results_in
 from labyrinth_core.evaluation.results_form import DERIVED
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
@@ -376,3 +376,11 @@ def test_what_is_no_file_or_a_huge_one_is_not_read(tmp_path):
         file.truncate(LARGEST + 1)
     with pytest.raises(DatasetError, match=rf"is refused: it has more than {LARGEST:,} bytes"):
         Results.load(path)
+
+
+def test_results_in_hidden_folders_are_not_those_of_runs(tmp_path):
+    """A run that is trained lies in a hidden folder until it is complete."""
+    for name in ("3x3/bc-seed0", "3x3/.bc-seed1.training", ".old/bc-seed0"):
+        (tmp_path / name).mkdir(parents=True)
+        (tmp_path / name / "results.json").touch()
+    assert results_in(tmp_path) == [tmp_path / "3x3" / "bc-seed0" / "results.json"]

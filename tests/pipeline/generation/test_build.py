@@ -38,7 +38,7 @@ from pipeline.generation.validate import validate
 from pipeline.generation.variants import labyrinth_of
 from pipeline.generation.write import arrow_schema
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery.dataset import current_versions
+from pipeline.machinery.dataset import build_versions
 
 Build = Callable[..., Run]
 
@@ -115,8 +115,8 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(render, "Mosaic", OtherMosaic)
-        versions = current_versions() | {"png": "Pillow, deflate level 1"}
-        patch.setattr(generation, "current_versions", lambda: versions)
+        versions = build_versions() | {"png": "Pillow, deflate level 1"}
+        patch.setattr(generation, "build_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
     here, other = Manifest.read(build(tmp_path, **small).folder), Manifest.read(folder)
     assert other.fingerprint == here.fingerprint
@@ -395,7 +395,7 @@ def test_what_another_configuration_or_version_left_is_discarded(
     with pytest.MonkeyPatch.context() as patch:
         if versions:
             patch.setattr(render, "Mosaic", OtherMosaic)
-            patch.setattr(workplace, "current_versions", lambda: versions)
+            patch.setattr(workplace, "build_versions", lambda: versions)
         stop_after(tmp_path, 3, **{} if versions else {"random_steps": 99})
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 

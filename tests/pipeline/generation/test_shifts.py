@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from brute_force import World, fewest_moves, is_connected, loops, walk
 from read_from_text import Shown, shown
+from rich.progress import Progress
 from tampering import episode_rows, problems, replace_first, rows_of
 
 from labyrinth_core import load_transitions
@@ -23,9 +24,11 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.generation.sample import sample
 from pipeline.generation.shifts import stretched
 from pipeline.generation.variants import toggled, walls
 from pipeline.inspection.statistics import count_dataset
+from pipeline.machinery import console
 
 Build = Callable[..., Run]
 
@@ -341,6 +344,16 @@ def test_a_shift_that_cannot_be_found_leaves_nothing(
     with pytest.raises(ConfigError, match=rf"(of|no) {shift} .* leave {shift} out"):
         build(tmp_path / "d", labyrinths=labyrinths, shifts=(shift,))
     assert not (tmp_path / "d").exists()
+
+
+def test_a_search_for_the_structures_of_a_shift_shows_a_bar(
+    make_run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The search for `longer` may take minutes."""
+    bars = Progress(disable=True)
+    monkeypatch.setattr(console, "progress", lambda **_: bars)
+    sample(make_run(Path("nowhere"), labyrinths=4, shifts=("longer",)).dataset)
+    assert [(bar.description, bar.completed, bar.total) for bar in bars.tasks] == [("longer", 4, 4)]
 
 
 def test_structures_are_stretched_with_as_many_loops_as_before() -> None:

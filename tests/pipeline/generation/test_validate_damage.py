@@ -30,6 +30,7 @@ from labyrinth_core.data.loader import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from pipeline.config.run import Run
 from pipeline.generation import validate as checking
 from pipeline.generation.write import arrow_schema
 
@@ -112,6 +113,17 @@ def test_a_damaged_file_is_found(folder: Path, damaged: Callable[[bytes], bytes]
     assert first.startswith(f"{TRAIN} cannot be read: ")
     assert [other.partition("-")[0] for other in others] == ["random", "s0", "s0_and_g"]
     assert all(f"cannot be compared with {TRAIN}" in other for other in others)
+
+
+def test_shifts_that_are_not_compared_with_train_are_named(
+    build: Callable[..., Run], tmp_path: Path
+) -> None:
+    """Each labyrinth of `open` has more loops than any of train."""
+    folder = build(tmp_path, labyrinths=3, random_steps=30, shifts=("open",)).folder
+    (folder / TRAIN).write_bytes(b"")
+    uncompared, unreadable, *_ = problems(folder)
+    assert uncompared.startswith("open: not compared with train, which cannot be read: ")
+    assert unreadable.startswith(f"{TRAIN} cannot be read: ")
 
 
 @pytest.mark.slow

@@ -159,6 +159,16 @@ def test_without_results_there_is_one_clear_line(run_of, tmp_path):
 
 
 @pytest.mark.slow
+def test_a_dataset_that_is_named_and_has_no_results_gets_a_line_with_those_that_have(
+    evaluated, run_of, tmp_path
+):
+    run = run_of(evaluated)
+    other = replace(run, dataset=replace(run.dataset, height=4), names_dataset=True)
+    with pytest.raises(DatasetError, match=r"\Athere are no results on 4x3: .* are on 3x3; .*\Z"):
+        stage.run(other)
+    assert not (tmp_path / "results" / "leaderboard.md").exists()
+
+
 def test_a_run_that_does_not_add_up_is_left_out_and_does_not_replace_the_one_that_is_kept(
     evaluated, run_of, tmp_path
 ):
