@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.loader import episodes_of
+from labyrinth_core.data.dataset import Filter, Part, Wanted, find_part
+from labyrinth_core.data.episodes import LoadedEpisode
+from labyrinth_core.data.load import Transition, episodes_of
 from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.part import Filter, Part, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER
-from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import whole
 

@@ -21,10 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import NO_ACTION
+from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS, table_rows
 from labyrinth_core.data.storage import write_text
-from labyrinth_core.data.transitions import LoadedEpisode
 from pipeline.config.export import CODEBASE_VERSION
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 

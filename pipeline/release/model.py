@@ -11,10 +11,10 @@ from typing import Any
 from huggingface_hub import EvalResult, HfApi, ModelCardData
 from huggingface_hub.errors import RevisionNotFoundError
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.schema import check_shape, read_json
-from labyrinth_core.data.source import locate
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.description import TrainedRun

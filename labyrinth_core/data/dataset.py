@@ -1,29 +1,36 @@
-"""A split or some labyrinths of it: their rows, and the units of row groups that hold them."""
+"""Find a dataset: its folder, a split or some labyrinths of it, and the row groups with them.
+
+The table of labyrinths is the index: it says which rows a labyrinth has.
+"""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from posixpath import normpath
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.columns import GROUP_BYTES
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.rows import Rows, opened, opened_in_place, rows_together
-from labyrinth_core.data.source import local_folder, locate
-from labyrinth_core.data.storage import AnyPath, RemotePath
-from labyrinth_core.world.labyrinth import whole
+from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.world.grid import whole
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
     from pyarrow.parquet import ParquetFile
+
+HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 
 FULL = GROUP_BYTES // 4
 """A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
@@ -136,7 +143,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Wanted:
-    """A split or a part of it that a caller wants; see `loader.load_episodes` for the fields."""
+    """A split or a part of it that a caller wants; see `load.load_episodes` for the fields."""
 
     source: str | Path
     config: str
@@ -158,7 +165,7 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
         in_place: Whether shards on the Hub are not downloaded, but read where they are.
 
     Raises:
-        ValueError, DatasetError: As for `loader.load_episodes`.
+        ValueError, DatasetError: As for `load.load_episodes`.
     """
     if wanted.labyrinths is None and wanted.where is None and not in_place:
         folder = wanted.locate([f"{wanted.split}-*.parquet"])
@@ -231,3 +238,84 @@ def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:
         raise ValueError(f"where={where}: split={split} has no such labyrinth")
     first_rows = table["first_row"].to_numpy()
     return np.stack([first_rows, first_rows + table["rows"].to_numpy()], axis=1)
+
+
+def locate(
+    source: str | Path, config: str, files: Iterable[str], revision: str | None = None
+) -> AnyPath:
+    """Return the folder with a dataset's manifest and other files, given by names or patterns.
+
+    Files on the Hub are downloaded to its cache first; `../README.md` is the card of all configs.
+
+    Raises:
+        DatasetError: There is no such folder, or the Hub does not provide it.
+    """
+    return local_folder(source, config, revision) or _download(str(source), config, files, revision)
+
+
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
+    """Return the folder with a dataset's manifest, None for an id on the Hub.
+
+    Raises:
+        ValueError: A revision is given for a folder.
+        DatasetError: The source is neither a folder nor an id, or has no such config.
+    """
+    try:
+        folder = folder_at(source)
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    if folder.is_dir():
+        if revision is not None:
+            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        if not _has_episodes(folder / config):
+            if (folder / MANIFEST).is_file():
+                raise DatasetError(
+                    f"{source} is the folder of the config {folder.name}: give the folder that "
+                    f"holds it, {folder.parent}"
+                )
+            raise _no_config(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
+        return folder / config
+    if not HUB_ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
+    return None
+
+
+def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
+    from huggingface_hub import HfApi, snapshot_download
+
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+    patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
+    try:
+        snapshot = snapshot_download(
+            source, repo_type="dataset", revision=revision, allow_patterns=patterns
+        )
+        if _has_episodes(Path(snapshot, config)):
+            return Path(snapshot) / config
+        there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+    except UNAVAILABLE as error:
+        raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
+    manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
+    raise _no_config(source, config, manifests)
+
+
+def why_unavailable(source: str, error: Exception) -> str:
+    """Return why the Hub's client, or `datasets`, does not provide a dataset, given its error."""
+    file = error.filename if isinstance(error, OSError) else None
+    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+    if Path(source).is_dir():
+        return f"{source} cannot be read"
+    return f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
+
+
+def _has_episodes(folder: AnyPath) -> bool:
+    return (folder / MANIFEST).is_file() and not folder.name.endswith(f"-{QUESTIONS}")
+
+
+def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+    names = (path.split("/")[-2] for path in manifests)
+    held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
+    none = f"none: a dataset has a {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")
