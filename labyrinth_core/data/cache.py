@@ -26,8 +26,8 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.locks import locked
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.storage import locked
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """The environment variable for the most gigabytes of caches in a folder, and its default."""

@@ -17,11 +17,10 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import GROUP_BYTES
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
 from labyrinth_core.data.rows import Rows, opened, opened_in_place, rows_together
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.world.grid import whole

@@ -348,7 +348,7 @@ def load_episodes(
         labyrinths: How many labyrinths, the first ones of the split, or of those that `where`
             leaves; None for all.
         where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
-            (see `labyrinth_core.data.labyrinth_table.TABLE_COLUMNS`).
+            (see `labyrinth_core.data.format.TABLE_COLUMNS`).
 
     Raises:
         ValueError: An argument has a value that is not allowed.

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import GROUP_BYTES
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 

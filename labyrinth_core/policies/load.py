@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.schema import read_json
-from labyrinth_core.data.storage import local_copy
+from labyrinth_core.data.storage import local_copy, read_json
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:

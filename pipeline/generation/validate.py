@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard, read_schema
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import COLUMNS, GROUP_BYTES, NO_ACTION, Column
+from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, NO_ACTION, Column
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
 from pipeline.generation.fingerprint import Fingerprint, Row

@@ -16,9 +16,9 @@ from labyrinth_core.data import load
 from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
-from labyrinth_core.data.locks import locked
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.storage import locked
 
 FIELDS = [field.name for field in fields(Transitions) if field.name != "optimal"]
 NAME, OTHER = (f"5x5-train-2-{digit * 32}" for digit in "01")

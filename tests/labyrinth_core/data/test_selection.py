@@ -16,9 +16,9 @@ from tampering import put_shards
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
+from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
