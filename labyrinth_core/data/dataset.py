@@ -5,6 +5,7 @@ The table of labyrinths is the index: it says which rows a labyrinth has.
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -21,7 +22,7 @@ from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
-from labyrinth_core.data.rows import Rows, opened, opened_in_place, rows_together
+from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.world.grid import whole
 
@@ -34,6 +35,9 @@ HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 FULL = GROUP_BYTES // 4
 """A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
 
+Marks = NDArray[np.int8]
+"""For each row of a shard 0 if it is not asked for, 1 if it is, 2 if it also begins a labyrinth."""
+
 Filter: TypeAlias = "Expression"
 """A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
@@ -45,25 +49,32 @@ class Part:
     folder: AnyPath
     shards: Sequence[Shard]
     """All shards of the split."""
-    kept: NDArray[np.bool_] | None = None
-    """Which of the split's first rows are those of the labyrinths, shape (n,); None for all."""
-    place: RemotePath | None = None
-    """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+    marks: Sequence[Marks] | None = None
+    """Which rows of each shard are those of the labyrinths; None for all rows."""
     config: DatasetConfig | None = None
     """The dataset, if it is known; see `replayed`."""
-    whole: Wanted | None = None
-    """The whole split, whose table `units` may need."""
+    place: RemotePath | None = None
+    """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+    wanted: Wanted | None = None
+    """What it was found by; `units` may need the table."""
 
     def __len__(self) -> int:
         """Return the number of its rows."""
-        return int(self.kept_before(self.first_rows())[-1])
+        return int(self.counts().sum())
 
-    def held(self) -> list[int]:
-        """Return the numbers of the shards that hold some of its rows."""
-        if self.kept is None:
-            return [*range(len(self.shards))]
-        kept: list[int] = np.flatnonzero(np.diff(self.kept_before(self.first_rows()))).tolist()
-        return kept
+    def counts(self) -> NDArray[np.int64]:
+        """Return how many rows of each shard are its own."""
+        if self.marks is None:
+            return np.array([shard.rows for shard in self.shards])
+        return np.array([np.count_nonzero(marks) for marks in self.marks])
+
+    def key(self) -> list[str]:
+        """Return hashes of the shards, and of which rows are its own if not all are."""
+        hashes = [shard.sha256 for shard in self.shards]
+        if self.marks is not None:
+            rows = np.packbits(np.concatenate(self.marks) > 0)
+            hashes.append(hashlib.sha256(rows.tobytes()).hexdigest())
+        return hashes
 
     def rows(self, *, pictures: bool) -> Iterator[Rows]:
         """Yield its rows; no row group is read that holds none of them.
@@ -71,7 +82,7 @@ class Part:
         Raises:
             DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
         """
-        for number in self.held():
+        for number in np.flatnonzero(self.counts()).tolist():
             with self.opened(number) as file:
                 groups = range(file.num_row_groups)
                 yield from self.rows_of(file, number, groups, pictures=pictures)
@@ -80,15 +91,15 @@ class Part:
         self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
     ) -> Iterator[Rows]:
         """Yield its rows in row groups of a shard, given the opened file and the shard's number."""
-        ends = self.group_rows(file, number)
-        counts = np.diff(self.kept_before(ends))
-        groups = [group for group in groups if counts[group]]
-        blocks = rows_together(file, groups, pictures=pictures)
-        if self.kept is None or not groups:
-            yield from blocks
+        if self.marks is None:
+            yield from rows_together(file, groups, pictures=pictures)
             return
-        first, kept = 0, np.concatenate([self.kept[ends[n] : ends[n + 1]] for n in groups])
-        for rows in blocks:
+        marks = np.split(self.marks[number], group_ends(file)[:-1])
+        groups = [group for group in groups if marks[group].any()]
+        if not groups:
+            return
+        first, kept = 0, np.concatenate([marks[group] for group in groups])
+        for rows in rows_together(file, groups, pictures=pictures):
             end = first + len(rows.actions)
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
@@ -97,24 +108,26 @@ class Part:
         """Divide a shard into units, each of the fewest row groups that no episode leaves.
 
         Returns:
-            The row groups of each unit, and how many of its rows are kept.
+            The row groups of each unit, and how many of its rows are the part's own.
         """
-        ends = self.group_rows(file, number)
-        sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 2)]
-        end_episodes = np.array(sizes) < FULL
-        if not end_episodes.all():
-            end_episodes |= self._begins[ends[1:-1]]
-        cuts = np.array([0, *(np.flatnonzero(end_episodes) + 1), len(ends) - 1])
-        return [*map(range, cuts[:-1], cuts[1:])], np.diff(self.kept_before(ends[cuts]))
+        ends = group_ends(file)
+        sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 1)]
+        whole, firsts = np.array(sizes) < FULL, ends[:-1]
+        if not whole.all():
+            marks = self._begins[number] if self.marks is None else self.marks[number]
+            whole |= (marks[firsts] != 1) | (marks[firsts - 1] == 0)
+        cuts = np.array([0, *(np.flatnonzero(whole) + 1), len(ends)])
+        kept = np.arange(self.shards[number].rows + 1)
+        if self.marks is not None:
+            kept = np.append(0, np.cumsum(self.marks[number] > 0))
+        return [*map(range, cuts[:-1], cuts[1:])], np.diff(kept[np.append(0, ends)[cuts]])
 
     @cached_property
-    def _begins(self) -> NDArray[np.bool_]:
-        """Whether each row of the split is the first of a labyrinth, from the table."""
-        assert self.whole is not None
-        begins = np.zeros(self.first_rows()[-1], np.bool_)
-        manifest = Manifest.read(self.whole.locate([]))
-        begins[_row_ranges(self.whole, manifest)[:, 0]] = True
-        return begins
+    def _begins(self) -> list[Marks]:
+        """The marks of all rows of the split, from the table."""
+        assert self.wanted is not None
+        whole = replace(self.wanted, labyrinths=None, where=None)
+        return _marks(whole, Manifest.read(whole.locate([])))
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Open a shard; an error within means that it cannot be read."""
@@ -122,22 +135,6 @@ class Part:
         if self.place is None or (self.folder / shard.path).is_file():
             return opened(self.folder, shard)
         return opened_in_place(self.place / shard.path, shard)
-
-    def first_rows(self) -> NDArray[np.int64]:
-        """Return the number in the split of each shard's first row, and of the last one's end."""
-        return np.cumsum([0, *(shard.rows for shard in self.shards)])
-
-    def group_rows(self, file: ParquetFile, number: int) -> NDArray[np.int64]:
-        """Return the number in the split of each row group's first row, and of the last's end."""
-        groups = map(file.metadata.row_group, range(file.num_row_groups))
-        return np.cumsum([self.first_rows()[number], *(group.num_rows for group in groups)])
-
-    def kept_before(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Return how many rows before each of some are kept."""
-        if self.kept is None:
-            return rows
-        count = np.append(0, np.cumsum(self.kept))
-        return count[np.minimum(rows, len(self.kept))]
 
 
 @dataclass(frozen=True)
@@ -166,51 +163,49 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     Raises:
         ValueError, DatasetError: As for `load.load_episodes`.
     """
-    if wanted.labyrinths is None and wanted.where is None and not in_place:
-        folder = wanted.locate([f"{wanted.split}-*.parquet"])
-        manifest = Manifest.read(folder)
-        return Part(folder, manifest.of(wanted.split), config=manifest.config)
-    folder = wanted.locate([])
+    some = wanted.labyrinths is not None or wanted.where is not None
+    folder = wanted.locate([] if some or in_place else [f"{wanted.split}-*.parquet"])
     manifest = Manifest.read(folder)
-    split = replace(wanted, labyrinths=None, where=None)
-    part = Part(folder, manifest.of(wanted.split), config=manifest.config, whole=split)
-    if local_folder(wanted.source, wanted.config, wanted.revision) is None:
-        commit = folder.parent.name
+    part = Part(folder, manifest.of(wanted.split), config=manifest.config, wanted=wanted)
+    if some:
+        marks = _marks(wanted, manifest)
+        if not all(each.all() for each in marks):
+            part = replace(part, marks=marks)
+        if not in_place:
+            held = zip(part.shards, part.counts(), strict=True)
+            part = replace(part, folder=wanted.locate([s.path for s, rows in held if rows]))
+    if in_place and local_folder(wanted.source, wanted.config, wanted.revision) is None:
+        commit = folder.parent.name  # What is read later is of the same commit.
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
-        # What is read later is of the same commit.
-        part = replace(part, place=place, whole=replace(split, revision=commit))
-    part = replace(part, kept=_kept(wanted, part, manifest))
-    if in_place:
-        return part
-    files = [part.shards[number].path for number in part.held()]
-    return replace(part, folder=wanted.locate(files))
+        part = replace(part, place=place, wanted=replace(wanted, revision=commit))
+    return part
 
 
-def _kept(wanted: Wanted, part: Part, manifest: Manifest) -> NDArray[np.bool_] | None:
-    """Return which of a split's first rows are those of the labyrinths asked for, None for all."""
+def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
+    """Return which rows of each shard of a split are those of the labyrinths asked for."""
     labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
-    if labyrinths is None and where is None:
-        return None
-    count = left = sum(shard.labyrinths for shard in part.shards)
-    if where is not None:
-        ranges = _row_ranges(wanted, manifest)
-        left = len(ranges)
+    firsts, rows = _rows_of_labyrinths(wanted, manifest)
     if labyrinths is not None:
         filtered = "" if where is None else f" where {where}"
-        held = f"a whole number from 1 to {left}, as many as split={split} has{filtered}"
-        left = whole("labyrinths", labyrinths, 1, left, allowed=held)
-    if left == count:
-        return None
-    if where is None:
-        ranges = _row_ranges(wanted, manifest)
-    kept = np.zeros(part.first_rows()[-1], np.bool_)
-    for first, end in ranges[:left].tolist():
-        kept[first:end] = True
-    return kept
+        count = len(firsts)
+        held = f"a whole number from 1 to {count}, as many as split={split} has{filtered}"
+        labyrinths = whole("labyrinths", labyrinths, 1, count, allowed=held)
+    firsts, rows = firsts[:labyrinths], rows[:labyrinths]
+    ends = np.cumsum([shard.rows for shard in manifest.of(split)])
+    if not ((firsts >= 0) & (rows > 0) & (firsts + rows <= ends[-1])).all():
+        raise DatasetError(f"{TABLE} has other rows than the shards of split={split}")
+    steps = np.zeros(ends[-1] + 1, np.int8)
+    steps[firsts] += 1
+    steps[firsts + rows] -= 1
+    marks = np.cumsum(steps[:-1], dtype=np.int8)
+    marks[firsts] = 2
+    return np.split(marks, ends[:-1])
 
 
-def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:
-    """Return the first row of each labyrinth asked for, and the end of its rows, shape (n, 2)."""
+def _rows_of_labyrinths(
+    wanted: Wanted, manifest: Manifest
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first row of each labyrinth that a filter leaves, and how many rows it has."""
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -225,6 +220,7 @@ def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:
     with table_file(wanted.locate([TABLE]), manifest) as path:
         try:
             table = pq.read_table(path, columns=["first_row", "rows"], filters=filters)
+            firsts, rows = (table[name].cast("int64").to_numpy() for name in table.column_names)
         except pa.ArrowException as error:
             if where is None:
                 raise
@@ -233,10 +229,9 @@ def _row_ranges(wanted: Wanted, manifest: Manifest) -> NDArray[np.int64]:
             raise ValueError(
                 f"where={where}: {reason}; the columns of {TABLE} are {columns}"
             ) from error
-    if where is not None and not len(table):
+    if where is not None and not len(firsts):
         raise ValueError(f"where={where}: split={split} has no such labyrinth")
-    first_rows = table["first_row"].to_numpy()
-    return np.stack([first_rows, first_rows + table["rows"].to_numpy()], axis=1)
+    return firsts, rows
 
 
 def locate(

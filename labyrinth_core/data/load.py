@@ -305,15 +305,7 @@ def _parts(
 
 def _key(part: Part, spec: ObservationSpec) -> str:
     """Return a hash of all that the content of a cache depends on."""
-    content: dict[str, Any] = {
-        "shards": [shard.sha256 for shard in part.shards],
-        "image_size": int(spec.image_size),
-        "drawn": spec.draw,
-        "resize": spec.resize,
-        "pixels": PICTURES_VERSION,
-    }
-    if part.kept is not None:
-        content["rows"] = hashlib.sha256(np.packbits(part.kept).tobytes()).hexdigest()
+    content = part.key(), int(spec.image_size), spec.draw, spec.resize, PICTURES_VERSION
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 

@@ -177,3 +177,15 @@ def written_schema() -> pa.Schema:
     schema = arrow_schema()
     texts = pa.field("info", pa.dictionary(pa.int32(), pa.string()))
     return schema.set(schema.get_field_index("info"), texts)
+
+
+def read_schema(path: Path) -> pa.Schema:
+    """Return the Arrow schema of a Parquet file; raise OSError or ArrowException if it has none.
+
+    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
+    megabytes a shard until the garbage collector runs.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.schema_arrow

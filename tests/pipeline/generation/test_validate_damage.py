@@ -60,7 +60,7 @@ def test_a_want_of_memory_is_not_taken_for_a_damaged_file(
     def read(*_: Any) -> None:
         raise pa.ArrowMemoryError("malloc of size 30000000 failed")
 
-    monkeypatch.setattr(reading, "read_schema", read)
+    monkeypatch.setattr(reading, "open_shard", read)
     monkeypatch.setattr(checking, "read_schema", read)
     with pytest.raises(MemoryError):
         problems(folder)
