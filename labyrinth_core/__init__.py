@@ -15,8 +15,8 @@ from labyrinth_core.version import __version__ as __version__
 
 if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
     from labyrinth_core.data.errors import DatasetError as DatasetError
-    from labyrinth_core.data.loader import load_episodes as load_episodes
-    from labyrinth_core.data.loader import load_transitions as load_transitions
+    from labyrinth_core.data.load import load_episodes as load_episodes
+    from labyrinth_core.data.load import load_transitions as load_transitions
     from labyrinth_core.data.stream import stream_episodes as stream_episodes
     from labyrinth_core.data.stream import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
@@ -53,9 +53,9 @@ _HOMES = {
     "dump": "language.text",
     "evaluate": "evaluation.evaluate",
     "load_arrays": "evaluation.labyrinth_arrays",
-    "load_episodes": "data.loader",
+    "load_episodes": "data.load",
     "load_policy": "policies.load",
-    "load_transitions": "data.loader",
+    "load_transitions": "data.load",
     "optimal_actions": "world.solver",
     "parse": "language.text",
     "question": "evaluation.questions",

@@ -10,8 +10,8 @@ Ours are the following, each timed until every transition has been in an array o
 
     cold      `load_transitions` with an empty cache, and with the process's caches of pictures
               cleared; then all transitions in batches of 64
-    warm      batches of 64, copied from the cache file into arrays of their own
-    views     one transition at a time, its arrays being views of that file; a byte of each is read
+    warm      batches of 64, copied from the cache into arrays of their own
+    views     one transition at a time, its arrays being views of the cache; a byte of each is read
     stream    `stream_transitions`, in order and shuffled
     torch     a `DataLoader` with its own collation, batches of 64 (if torch is installed), whose
               workers are running already; "gathered" lets the dataset make the batches
@@ -49,7 +49,7 @@ from measuring import (
     take_turns,
 )
 
-from labyrinth_core.data.loader import Transitions, load_transitions
+from labyrinth_core.data.load import Transitions, load_transitions
 from labyrinth_core.data.stream import stream_transitions
 
 SIZE = 64

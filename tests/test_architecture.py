@@ -380,7 +380,7 @@ def test_every_package_of_the_project_is_a_room():
         ("pipeline/release/card", "from pipeline.generation.build import build"),
         ("run", "from pipeline.config import run"),
         # The library's door, and its window.
-        ("labyrinth_core/data/loader", "from labyrinth_core import __version__"),
+        ("labyrinth_core/data/load", "from labyrinth_core import __version__"),
         ("labyrinth_core/env/environment", "from labyrinth_core.env.window import Window"),
         ("labyrinth_core/env/environment", "from . import window"),
         # Libraries, wherever the import stands.
@@ -389,10 +389,10 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/world/solver", "try:\n    import rich\nexcept ImportError:\n    rich = 0"),
         ("labyrinth_core/world/solver", "import importlib\nimportlib.import_module('torch')"),
         ("labyrinth_core/world/solver", "__import__('hydra.core')"),
-        ("labyrinth_core/data/loader", "import a_library_that_nobody_knows"),
+        ("labyrinth_core/data/load", "import a_library_that_nobody_knows"),
         ("pipeline/machinery/executor", "from omegaconf import OmegaConf"),
         # Libraries that are imported in functions only.
-        ("labyrinth_core/data/loader", "import pyarrow"),
+        ("labyrinth_core/data/load", "import pyarrow"),
         ("labyrinth_core/env/environment", "import pygame"),
         ("labyrinth_core/policies/load", "import torch"),
         # Steps.
@@ -409,8 +409,8 @@ def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source)
     ("module", "source"),
     [
         ("labyrinth_core/world/solver", "import json, numpy.typing"),
-        ("labyrinth_core/data/loader", "from labyrinth_core.world.solver import distances"),
-        ("labyrinth_core/data/loader", "def f():\n    import pyarrow, huggingface_hub"),
+        ("labyrinth_core/data/load", "from labyrinth_core.world.solver import distances"),
+        ("labyrinth_core/data/load", "def f():\n    import pyarrow, huggingface_hub"),
         ("labyrinth_core/env/environment", "def f():\n    from .window import Window"),
         ("labyrinth_core/policies/networks/network", "import torch"),
         (
@@ -470,7 +470,7 @@ def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_netw
         for name in modules_of(ROOT)
         if within(name, "labyrinth_core") and not within(name, *others)
     ]
-    assert {"labyrinth_core.world.solver", "labyrinth_core.data.loader"} <= set(modules)
+    assert {"labyrinth_core.world.solver", "labyrinth_core.data.load"} <= set(modules)
     loaded = loaded_by("\n".join(f"importlib.import_module({name!r})" for name in modules))
     assert "numpy" in loaded
     assert loaded & LIBRARIES == {"numpy"}

@@ -16,8 +16,7 @@ import yaml
 
 import labyrinth_core
 from labyrinth_core import __version__
-from labyrinth_core.data.columns import COLUMNS
-from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse

@@ -188,8 +188,7 @@ class DatasetConfig:
             name: tuple(value) if isinstance(value, list) else value
             for name, value in (_DEFAULTS | dict(values)).items()
         }
-        if {*plain} != {*_KINDS} or not all(_is_a(plain[name], _KINDS[name]) for name in plain):
-            raise ValueError(f"a dataset's config has the fields {[*_KINDS]}, not {values}")
+        check_fields(plain, _KINDS, "a dataset's config")
         tasks = [str(task) for task in Task]
         if plain["task"] not in tasks:
             raise ValueError(f"task={plain['task']}: choose one of [{', '.join(tasks)}]")
@@ -204,6 +203,17 @@ _COMMAND_LINE = {e.name: e.metadata.get("name") or e.name for e in fields(Datase
 
 _KINDS = get_type_hints(DatasetConfig) | {"task": str}
 """Field of the JSON object -> its type, with tuples for lists."""
+
+
+def check_fields(values: Any, kinds: Mapping[str, Any], name: str) -> None:
+    """Check that an object from JSON, with tuples for lists, has the fields of some types.
+
+    Raises:
+        ValueError: A field is missing, unknown or of another type.
+    """
+    right = isinstance(values, dict) and values.keys() == kinds.keys()
+    if not right or not all(_is_a(values[field], kind) for field, kind in kinds.items()):
+        raise ValueError(f"{name} has the fields {', '.join(kinds)}, not {values!r:.300}")
 
 
 def _is_a(value: object, kind: Any) -> bool:

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import NO_ACTION
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.parse_many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
@@ -104,6 +104,33 @@ def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str
 
 
 @dataclass(frozen=True, eq=False)
+class LoadedEpisode:
+    """One episode of a dataset."""
+
+    labyrinth_id: int
+    info: str
+    """The labyrinth in the text language."""
+    observations: NDArray[Any]
+    """Observations of the T + 1 states: uint8 (T + 1, size, size, 3), int32 (T + 1, length) or
+    texts (T + 1,)."""
+    actions: NDArray[np.int64]
+    """Actions taken, shape (T,)."""
+    rewards: NDArray[np.float32]
+    """Rewards received, shape (T,)."""
+    terminated: bool
+    """Whether the episode ends on the goal or on ice, instead of being cut."""
+
+    @property
+    def truncated(self) -> bool:
+        """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
+        return not self.terminated
+
+    def __len__(self) -> int:
+        """Return the number of transitions."""
+        return len(self.actions)
+
+
+@dataclass(frozen=True, eq=False)
 class Episodes:
     """One or more episodes in labyrinths of one size, task and look, replayed."""
 
@@ -154,6 +181,19 @@ class Episodes:
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
             yield self.take(slice(begin, end))
+
+    def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
+        """Yield the episodes one by one, given the observation in each row; all arrays are new."""
+        rows, firsts, lasts = self.whole
+        for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+            yield LoadedEpisode(
+                labyrinth_id=int(self.ids[self.which[first]]),
+                info=rows.texts[rows.info[first]],
+                observations=observations[first : last + 1].copy(),
+                actions=rows.actions[first:last].copy(),
+                rewards=rows.rewards[first:last].copy(),
+                terminated=bool(self.over[last]),
+            )
 
     def optimal(self) -> NDArray[np.bool_]:
         """Return which actions begin a shortest route in each row, shape (n, 4)."""

@@ -1,6 +1,6 @@
-"""The manifest, which describes a finished dataset.
+"""The manifest, which describes a finished dataset, and the table of labyrinths beside it.
 
-It is written last, so a folder with a manifest is complete.
+The manifest is written last, so a folder with a manifest is complete.
 """
 
 from __future__ import annotations
@@ -8,20 +8,28 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from typing import Any
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, get_type_hints
 
-from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.schema import COUNT, Exactly, Text, check_shape, read_json
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig, check_fields
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_json, write_text
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
 """The name of the file of the stage `analyse`, in the same folder."""
-"""The name of the file of what is counted in the rows, in the same folder."""
+TABLE = "labyrinths.parquet"
+"""The name of the table of labyrinths, in the same folder; it has one row for each labyrinth.
+
+The rows are in the order of the splits and of their rows; `format.TABLE_COLUMNS` are the columns.
+On the Hub the table is a config of its own, such as `5x5-labyrinths`.
+"""
+MOST = 10**15
+"""No count of a dataset is larger."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and that of one whose structures come from several chunks of
 candidates."""
@@ -50,8 +58,7 @@ class Shard:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> Shard:
         """Return the shard that `asdict` described; raise ValueError for anything else."""
-        check_shape(values, _SHARD, "a shard")
-        shard = cls(**values)
+        shard = cls(**_counted(values, cls, "a shard"))
         if shard.split not in SPLITS or not re.fullmatch(
             rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
         ):
@@ -59,14 +66,9 @@ class Shard:
         return shard
 
 
-_TEXT = Text("(?s).*")
-_SHARD = Exactly({each.name: _TEXT if each.type == "str" else COUNT for each in fields(Shard)})
-"""The shape of a `Shard`."""
-
-
 @dataclass(frozen=True)
 class TableFile:
-    """The table of labyrinths, see `labyrinth_table`."""
+    """The table of labyrinths, the file `TABLE`."""
 
     bytes: int
     sha256: str
@@ -75,8 +77,16 @@ class TableFile:
     @classmethod
     def from_json(cls, values: Mapping[str, Any]) -> TableFile:
         """Return the table that `asdict` described; raise ValueError for anything else."""
-        check_shape(values, Exactly({"bytes": COUNT, "sha256": _TEXT}), "a table")
-        return cls(**values)
+        return cls(**_counted(values, cls, "a table"))
+
+
+def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, Any]:
+    """Return the fields of texts and counts of a kind; raise ValueError for anything else."""
+    check_fields(values, get_type_hints(kind), name)
+    for field, value in values.items():
+        if isinstance(value, int) and not 0 <= value <= MOST:
+            raise ValueError(f"{name} has {field}={value}: it is a number from 0 to {MOST}")
+    return values
 
 
 @dataclass(frozen=True)
@@ -158,3 +168,22 @@ class Manifest:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
         except (OSError, *MALFORMED) as error:
             raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
+
+
+@contextmanager
+def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
+    """Lend the table of a dataset as a local file, after comparing it with the manifest.
+
+    Raises:
+        DatasetError: The table is missing or damaged, or the caller cannot read it.
+    """
+    import pyarrow as pa
+
+    path = folder / TABLE
+    try:
+        with local_copy(path) as local:
+            if file_sha256(local) != manifest.table.sha256:
+                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
+            yield local
+    except (OSError, pa.ArrowException) as error:
+        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error

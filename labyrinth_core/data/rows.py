@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -11,8 +12,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import GROUP_BYTES
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 
@@ -76,15 +77,17 @@ def joined(blocks: Sequence[Rows]) -> Rows:
 
 
 def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
-    """Open a Parquet file; a column `info` is read dictionary-encoded, see `texts`.
+    """Open a Parquet file; a column `info` is read dictionary-encoded: many rows share a text.
 
     Raises:
         OSError, ArrowException: The file cannot be read.
     """
     import pyarrow.parquet as pq
 
-    names = read_schema(path).names
-    return pq.ParquetFile(path, read_dictionary=["info"] if "info" in names else [])
+    with pq.ParquetFile(path) as file:
+        names, footer = file.schema_arrow.names, file.metadata
+    encoded = ["info"] if "info" in names else []
+    return pq.ParquetFile(path, metadata=footer, read_dictionary=encoded)
 
 
 def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
@@ -107,41 +110,10 @@ def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
     return None
 
 
-def tables_of(
-    file: pyarrow.parquet.ParquetFile,
-    columns: list[str] | None = None,
-    groups: Sequence[int] | None = None,
-    *,
-    together: int = 1,
-) -> Iterator[pa.Table]:
-    """Yield the rows of a file, those of a row group at once unless they are very many.
-
-    Args:
-        file: The file.
-        columns: The names of the columns to read; None for all.
-        groups: The numbers of the row groups to read; None for all.
-        together: How many row groups are opened at once, which is quicker where rows are small.
-    """
-    import pyarrow as pa
-
-    if groups is None:
-        groups = range(file.num_row_groups)
-    for first in range(0, len(groups), together):
-        # `map` lets go of each batch, of which there would otherwise be two.
-        batches = file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
-        yield from map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
-
-
-def read_schema(path: Path) -> pa.Schema:
-    """Return the Arrow schema of a Parquet file; raise as `open_shard` does.
-
-    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
-    megabytes a shard until the garbage collector runs.
-    """
-    import pyarrow.parquet as pq
-
-    with pq.ParquetFile(path) as file:
-        return file.schema_arrow
+def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
+    """Return the number of rows of a shard up to the end of each row group."""
+    groups = map(file.metadata.row_group, range(file.num_row_groups))
+    return np.cumsum([group.num_rows for group in groups])
 
 
 def rows_together(
@@ -149,11 +121,22 @@ def rows_together(
 ) -> Iterator[Rows]:
     """Yield the rows of row groups, without pictures those of `TOGETHER` row groups at once."""
     together = 1 if pictures else TOGETHER
-    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
-    tables = tables_of(file, columns, groups, together=together)
-    blocks = (rows_of_table(table, pictures=pictures) for table in tables)
+    blocks = _blocks(file, groups, together, pictures=pictures)
     while some := list(islice(blocks, together)):
         yield joined(some)
+
+
+def _blocks(
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], together: int, *, pictures: bool
+) -> Iterator[Rows]:
+    import pyarrow as pa
+
+    columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
+    for first in range(0, len(groups), together):
+        # `map` lets go of each batch, of which there would otherwise be two.
+        batches = file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
+        tables = map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
+        yield from map(partial(rows_of_table, pictures=pictures), tables)
 
 
 @contextmanager

@@ -10,14 +10,16 @@ from __future__ import annotations
 
 import errno
 import hashlib
+import json
 import os
 import tempfile
+from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, BinaryIO, cast
+from typing import Any, BinaryIO, NoReturn, cast
 from uuid import uuid4
 
 from labyrinth_core.data.errors import one_line
@@ -242,6 +244,28 @@ def write_text(path: AnyPath, text: str) -> None:
     write_bytes(path, text.encode())
 
 
+def read_json(path: AnyPath) -> Any:
+    """Return what a JSON file holds.
+
+    Raises:
+        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN, an infinity, or an
+            object that has a name twice.
+    """
+    return json.loads(path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous)
+
+
+def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
+        raise ValueError(f"{twice!r:.60} is there twice in one object")
+    return found
+
+
+def _no_number(word: str) -> NoReturn:
+    raise ValueError(f"{word} is no number of JSON")
+
+
 def file_sha256(path: AnyPath) -> str:
     """Return the SHA-256 of a file, in hexadecimal digits."""
     digest = hashlib.sha256()
@@ -273,3 +297,38 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
         local = Path(folder) / path.name
         path._ask(lambda store, place: store.get_file(place, str(local)))
         yield local
+
+
+@contextmanager
+def locked(
+    path: Path, before_waiting: Callable[[], None] = lambda: None, *, wait: bool = True
+) -> Iterator[None]:
+    """Hold the lock of a file, which is made if need be and removed at the end.
+
+    Args:
+        path: The file; only this function may make, remove or rename it.
+        before_waiting: Called if another process has the lock.
+        wait: Whether to wait for another process.
+
+    Raises:
+        TimeoutError: Another process has the lock, and `wait` is false.
+        OSError: The file cannot be made, or its file system has no locks.
+    """
+    from filelock import FileLock, Timeout
+
+    lock = FileLock(path, fallback_to_soft=False)
+    try:
+        lock.acquire(blocking=False)
+    except Timeout:
+        if not wait:
+            raise
+        before_waiting()
+        lock.acquire()
+    try:
+        yield
+    finally:
+        # Removed while locked: `filelock` checks after locking that the file still has a name.
+        # On Windows, where a locked file cannot be removed, `release` removes it.
+        with suppress(OSError):
+            path.unlink()
+        lock.release()

@@ -23,11 +23,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.loader import episodes_of
+from labyrinth_core.data.dataset import Filter, Part, Wanted, find_part
+from labyrinth_core.data.episodes import LoadedEpisode
+from labyrinth_core.data.load import Transition, episodes_of
 from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.part import Filter, Part, Wanted, find_part
 from labyrinth_core.data.rows import TOGETHER
-from labyrinth_core.data.transitions import LoadedEpisode, Transition
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import whole
 
@@ -180,14 +180,9 @@ class Stream(Generic[Item]):
 
     def _name(self) -> str:
         """Return a hash of all that the order and the share of this process depend on."""
-        kept = self._part.kept
-        parts = [
-            *(shard.sha256 for shard in self._part.shards),
-            None if kept is None else hashlib.sha256(np.packbits(kept).tobytes()).hexdigest(),
-            *(self._spec.decodes, self._order.buffer, self._order.seed, self._items_of.__name__),
-            self._share(),
-        ]
-        return hashlib.sha256(repr(parts).encode()).hexdigest()[:16]
+        order = self._order.buffer, self._order.seed, *self._share()
+        key = self._part.key(), self._spec.decodes, self._items_of.__name__, order
+        return hashlib.sha256(repr(key).encode()).hexdigest()[:16]
 
     def _share(self) -> tuple[int, int]:
         """Return the number of this process among all ranks and workers, and how many there are."""
@@ -208,7 +203,7 @@ class Stream(Generic[Item]):
     def _items(self, at: dict[str, Any]) -> Iterator[Item]:
         """Yield items from a place on, and keep the place up to date."""
         part, (share, shares) = self._part, self._share()
-        rows = np.diff(part.kept_before(part.first_rows()))
+        rows = part.counts()
         total = int(rows.sum())
         own = range(total * share // shares, total * (share + 1) // shares)
         order = self._permutation(len(rows), at)

@@ -27,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import sample_test
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED

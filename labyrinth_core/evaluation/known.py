@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays

@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.episodes import replayed
+from labyrinth_core.data.dataset import Filter, Wanted, find_part
+from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
-from labyrinth_core.data.part import Filter, Wanted, find_part
-from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index

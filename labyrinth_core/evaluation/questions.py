@@ -10,8 +10,8 @@ from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
 
-from labyrinth_core.data.columns import Column
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.format import Column
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in

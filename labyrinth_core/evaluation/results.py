@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.schema import check_shape, read_json
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.outcomes import refuse, scores_of
@@ -30,6 +29,7 @@ from labyrinth_core.evaluation.results_form import (
     rules_of,
     taken,
 )
+from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.version import __version__
 

@@ -6,16 +6,6 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from typing import Any
 
-from labyrinth_core.data.schema import (
-    COUNT,
-    SHARE,
-    Each,
-    Maybe,
-    Named,
-    Number,
-    Text,
-    check_shape,
-)
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
@@ -26,6 +16,16 @@ from labyrinth_core.evaluation.description import (
 )
 from labyrinth_core.evaluation.outcomes import Rules
 from labyrinth_core.evaluation.replanner import REPLANNERS
+from labyrinth_core.evaluation.schema import (
+    COUNT,
+    SHARE,
+    Each,
+    Maybe,
+    Named,
+    Number,
+    Text,
+    check_shape,
+)
 
 KIND = "labyrinth-results"
 FORMAT = 2

@@ -12,10 +12,9 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.schema import read_json
-from labyrinth_core.data.source import HUB_ID
-from labyrinth_core.data.storage import local_copy
+from labyrinth_core.data.storage import local_copy, read_json
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:

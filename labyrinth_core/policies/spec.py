@@ -11,8 +11,8 @@ from math import inf
 from typing import Any, TypeVar
 
 from labyrinth_core.data.observations import RESIZES
-from labyrinth_core.data.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.answers import Player, PolicyError, asked, fitted
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays

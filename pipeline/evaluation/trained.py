@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from functools import partial
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import Description, TrainedRun

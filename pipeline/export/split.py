@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core import load_episodes
+from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.data.transitions import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
 from labyrinth_core.world.dynamics import STEP_LIMIT
 from pipeline.config.export import NAMESPACE, VERSION

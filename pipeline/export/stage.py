@@ -14,9 +14,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.source import locate
+from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import temporary_beside, write_text
 from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS, RECORD

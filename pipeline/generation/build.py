@@ -21,8 +21,7 @@ from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard, TableFile
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, TableFile
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, RemotePath
 from pipeline.config.errors import ConfigError

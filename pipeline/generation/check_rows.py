@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.part import Part
-from labyrinth_core.data.rows import readable, tables_of
+from labyrinth_core.data.rows import BATCH_ROWS, readable
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
@@ -88,10 +88,12 @@ class Remade(NamedTuple):
 def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
     """Yield the rows of a file up to the first that has a null, which is added to the problems."""
     first = 0
-    for table in tables_of(file):
+    # A row group is read at once, unless it has very many rows.
+    batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
+    for batch in chain.from_iterable(batches):
         values = ("obs", "actions", "rewards", "episode_starts")
-        columns = [*(table[name].to_pylist() for name in values), _texts(table["info"])]
-        del table  # It holds the pictures a second time.
+        columns = [*(batch[name].to_pylist() for name in values), _texts(batch["info"])]
+        del batch  # It holds the pictures a second time.
         rows = zip(*columns, strict=True)
         for number, (obs, action, paid, starts, info) in enumerate(rows, start=first):
             picture = obs or {"bytes": None, "path": None}
@@ -105,7 +107,7 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
         first += len(columns[0])
 
 
-def _texts(column: pa.ChunkedArray) -> list[str | None]:
+def _texts(column: pa.Array) -> list[str | None]:
     """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
 
     The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
@@ -114,11 +116,8 @@ def _texts(column: pa.ChunkedArray) -> list[str | None]:
 
     if not pa.types.is_dictionary(column.type):
         return column.to_pylist()  # type: ignore[no-any-return]
-    found: list[str | None] = []
-    for chunk in column.chunks:
-        values = [*chunk.dictionary.to_pylist(), None]
-        found += [values[-1 if place is None else place] for place in chunk.indices.to_pylist()]
-    return found
+    values = [*column.dictionary.to_pylist(), None]
+    return [values[-1 if place is None else place] for place in column.indices.to_pylist()]
 
 
 def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:

@@ -10,8 +10,8 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from pipeline.generation.tabulate import Facts, facts_table
 from pipeline.generation.write import arrow_schema

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import check_file, check_footer, read_schema, readable
+from labyrinth_core.data.rows import check_file, check_footer, readable
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,
@@ -24,7 +24,7 @@ from labyrinth_core.evaluation.questions import (
 )
 from pipeline.config.run import Run
 from pipeline.generation.workplace import Workplace
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.write import arrow_schema, read_schema
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import Manifest, Shard, TableFile
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import Manifest, Shard, TableFile, table_file
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -39,6 +39,9 @@ FACTS = np.dtype(
 
 NOTHING = -1
 """The value of `parent_id` or `turns` where the table has null."""
+
+MOST_ROUTES = 2**63 - 1
+"""The largest number of routes in the table; it stands for all that are larger, too."""
 
 GROUP_ROWS = 100_000
 """The least number of rows in a row group of the table, but for the last; some ten megabytes."""

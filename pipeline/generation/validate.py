@@ -19,9 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import footer_problem, open_shard, read_schema
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard
+from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import questions_config
@@ -40,7 +39,7 @@ from pipeline.generation.questions import question_problems
 from pipeline.generation.render import render
 from pipeline.generation.shifts import Train, selected_shifts, train_of
 from pipeline.generation.tabulate import FactsOfShard
-from pipeline.generation.write import arrow_schema, no_garbage_collection
+from pipeline.generation.write import arrow_schema, no_garbage_collection, read_schema
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import COLUMNS, GROUP_BYTES, NO_ACTION, Column
+from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, NO_ACTION, Column
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import file_sha256
 from pipeline.generation.fingerprint import Fingerprint, Row
@@ -177,3 +177,15 @@ def written_schema() -> pa.Schema:
     schema = arrow_schema()
     texts = pa.field("info", pa.dictionary(pa.int32(), pa.string()))
     return schema.set(schema.get_field_index("info"), texts)
+
+
+def read_schema(path: Path) -> pa.Schema:
+    """Return the Arrow schema of a Parquet file; raise OSError or ArrowException if it has none.
+
+    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
+    megabytes a shard until the garbage collector runs.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.schema_arrow

@@ -8,9 +8,9 @@ from itertools import chain, groupby
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.data.dataset import why_unavailable
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import readable
-from labyrinth_core.data.source import why_unavailable
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure

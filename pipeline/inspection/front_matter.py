@@ -10,11 +10,10 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import SPLIT, TABLE, TABLE_COLUMNS, table_config
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.evaluation.questions import (
@@ -25,6 +24,9 @@ from labyrinth_core.evaluation.questions import (
 
 DEFAULT_CONFIG = "5x5"
 """The config that is loaded when none is named, where it is there."""
+
+TABLE_SPLIT = "labyrinths"
+"""What the Hub's tools have to call a split: the table has none, as its rows are of all splits."""
 
 LICENCE = "mit"
 """The licence of a dataset whose card names no other, as the Hub spells it."""
@@ -49,6 +51,11 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
         if manifest.config.name == folder
     ]
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+
+
+def table_config(config: str) -> str:
+    """Return the name that the table of labyrinths of a config has on the Hub."""
+    return f"{config}-{TABLE_SPLIT}"
 
 
 def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
@@ -120,9 +127,9 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         add(manifest, manifest.config.name, COLUMNS, manifest.config.splits)
     for manifest in manifests:
         name = table_config(manifest.config.name)
-        configs.append(_config(name, {SPLIT: f"{manifest.config.name}/{TABLE}"}))
+        configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
-        infos.append(_info(name, TABLE_COLUMNS, {SPLIT: (manifest.table.bytes, rows)}))
+        infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
     for manifest in manifests:
         if manifest.questions is not None:
             name, splits = questions_config(manifest.config.name), question_splits(manifest.config)
@@ -222,7 +229,7 @@ def _are_ours(configs: object) -> bool:
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
-    bare = (name.removesuffix(f"-{SPLIT}").removesuffix(f"-{QUESTIONS}") for name in names)
+    bare = (name.removesuffix(f"-{TABLE_SPLIT}").removesuffix(f"-{QUESTIONS}") for name in names)
     return all(map(_CONFIG_NAME.fullmatch, bare))
 
 

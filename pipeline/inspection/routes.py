@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.part import Part
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import initial, state_index

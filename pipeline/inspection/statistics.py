@@ -13,7 +13,8 @@ from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.schema import (
+from labyrinth_core.data.storage import AnyPath, read_json
+from labyrinth_core.evaluation.schema import (
     COUNT,
     SHARE,
     Each,
@@ -22,9 +23,7 @@ from labyrinth_core.data.schema import (
     Number,
     Text,
     check_shape,
-    read_json,
 )
-from labyrinth_core.data.storage import AnyPath
 from pipeline.inspection import front_matter
 from pipeline.inspection.certificate import Certificate, Keys, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard

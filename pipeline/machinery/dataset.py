@@ -7,9 +7,9 @@ from importlib.metadata import version
 
 import numpy as np
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.source import locate
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError, as_typed, check

@@ -11,11 +11,11 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
-from labyrinth_core.data.locks import locked
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
     file_at,
+    locked,
     naming,
     replacing,
     temporaries,

@@ -13,8 +13,7 @@ from itertools import pairwise
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import table_file
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter

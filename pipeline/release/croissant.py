@@ -14,8 +14,8 @@ import json
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from labyrinth_core.data.columns import COLUMNS, Column
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,
@@ -24,6 +24,7 @@ from labyrinth_core.evaluation.questions import (
 )
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
+from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.limits import limits
 from pipeline.release.provenance import Release, command

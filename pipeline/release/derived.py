@@ -15,9 +15,9 @@ from typing import Any
 
 from huggingface_hub import HfApi
 
+from labyrinth_core.data.dataset import local_folder
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.source import local_folder
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter

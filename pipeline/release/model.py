@@ -11,15 +11,15 @@ from typing import Any
 from huggingface_hub import EvalResult, HfApi, ModelCardData
 from huggingface_hub.errors import RevisionNotFoundError
 
+from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.schema import check_shape, read_json
-from labyrinth_core.data.source import locate
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.data.storage import file_sha256, read_json, write_text
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import (

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from labyrinth_core.data.columns import COLUMNS, Column
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_config
-from labyrinth_core.data.manifest import ANALYSIS
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, questions_config
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task
 from pipeline.inspection import front_matter
+from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.figures import FIGURES

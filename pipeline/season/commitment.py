@@ -20,8 +20,8 @@ from typing import Any
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.schema import COUNT, Named, Text, check_shape, read_json
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import read_json, write_text
+from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
 from pipeline.config.run import Run
 from pipeline.generation.build import build
 from pipeline.machinery.dataset import build_versions

@@ -20,11 +20,11 @@ from typing import Any, NamedTuple
 from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.schema import SHARE, Each, Text, check_shape, read_json
-from labyrinth_core.data.storage import write_bytes, write_text
+from labyrinth_core.data.storage import read_json, write_bytes, write_text
 from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
+from labyrinth_core.evaluation.schema import SHARE, Each, Text, check_shape
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.machinery.console import say

@@ -11,8 +11,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
+from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.source import HUB_ID
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import check_size, load_policy, located
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.schema import read_json
-from labyrinth_core.data.storage import file_sha256, temporaries, write_bytes, write_text
+from labyrinth_core.data.storage import file_sha256, read_json, temporaries, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__

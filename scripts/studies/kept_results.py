@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.results.paper import METHODS, name_of
 

@@ -17,7 +17,7 @@ from kept_results import RESULTS, Groups, by_method, percent, rate, read_runs, s
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table

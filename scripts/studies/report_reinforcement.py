@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.storage import read_json
 from pipeline.machinery.markdown import table
 
 SIZES = ("3x3", "5x5")

@@ -10,7 +10,7 @@ import numpy as np
 from submitted import keep, of_run
 
 import labyrinth_core
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation.known import KnownDataset

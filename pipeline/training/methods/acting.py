@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
 from labyrinth_core.policies.networks.acting import BATCH
 from labyrinth_core.policies.networks.network import MOMENTUM

@@ -8,14 +8,14 @@ import sys
 
 import pytest
 
-from labyrinth_core.data.locks import locked
+from labyrinth_core.data.storage import locked
 
 fcntl = pytest.importorskip("fcntl", reason="Windows locks files in another way")
 
 COUNT = """
 import sys
 from pathlib import Path
-from labyrinth_core.data.locks import locked
+from labyrinth_core.data.storage import locked
 folder = Path(sys.argv[1])
 for _ in range(40):
     with locked(folder / "lock"):
@@ -26,7 +26,7 @@ for _ in range(40):
 DIE = """
 import os, signal, sys
 from pathlib import Path
-from labyrinth_core.data.locks import locked
+from labyrinth_core.data.storage import locked
 with locked(Path(sys.argv[1]) / "lock"):
     os.kill(os.getpid(), signal.SIGKILL)
 """

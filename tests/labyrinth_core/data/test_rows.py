@@ -10,9 +10,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.rows import open_shard, read_schema, readable
+from labyrinth_core.data.rows import open_shard, readable
 from pipeline.config.run import Run
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.write import arrow_schema, read_schema
 
 
 @pytest.mark.slow

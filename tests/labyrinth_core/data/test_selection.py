@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import huggingface_hub
@@ -15,11 +16,11 @@ import pytest
 from tampering import put_shards
 
 from labyrinth_core import load_arrays
-from labyrinth_core.data import frame_cache
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
-from labyrinth_core.data.loader import load_episodes, load_transitions
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.load import load_episodes, load_transitions
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
@@ -111,10 +112,10 @@ def test_no_row_group_is_read_that_holds_none_of_them(data_dir, tmp_path, monkey
 def test_other_labyrinths_have_another_cache_file_and_all_have_the_one_without(data_dir, tmp_path):
     for options in ({"labyrinths": 2}, {"labyrinths": 3}, {"where": pc.field("moves") >= 6}):
         load(data_dir, cache_dir=tmp_path / "some", **options)
-    assert len(list((tmp_path / "some").glob(f"*{frame_cache.SUFFIX}"))) == 3
+    assert len(list((tmp_path / "some").iterdir())) == 3
     for options in ({}, {"labyrinths": 9}, {"where": pc.field("moves") >= 0}):
         load(data_dir, cache_dir=tmp_path / "all", **options)
-    assert len(list((tmp_path / "all").glob(f"*{frame_cache.SUFFIX}"))) == 1
+    assert len(list((tmp_path / "all").iterdir())) == 1
 
 
 # A filter.
@@ -148,6 +149,30 @@ def test_labyrinths_are_those_of_the_table_that_a_filter_leaves(
     for load_some in (load_transitions, load_arrays):
         loaded = load_some(data_dir, "3x4", image_size=8, **options)
         assert list(dict.fromkeys(loaded.labyrinth_ids.tolist())) == expected
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda table: table.set_column(
+            table.schema.get_field_index("first_row"),
+            "first_row",
+            pc.add(table["first_row"], 10**6),
+        ),
+        lambda table: table.set_column(
+            table.schema.get_field_index("rows"), "rows", pa.nulls(len(table), pa.int32())
+        ),
+        lambda table: table.drop_columns(["rows"]),
+    ],
+    ids=["rows that no shard has", "nulls", "a column less"],
+)
+def test_a_table_of_other_rows_than_the_shards_is_refused(data_dir, tmp_path, edit):
+    folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
+    pq.write_table(edit(pq.read_table(folder / TABLE)), folder / TABLE)
+    manifest = Manifest.read(folder)
+    replace(manifest, labyrinths=TableFile(1, file_sha256(folder / TABLE))).write(folder)
+    with pytest.raises(DatasetError, match=rf"\A[^\n]*{TABLE}[^\n]*\Z"):
+        list(load_episodes(folder.parent, "3x4", labyrinths=2))
 
 
 # From elsewhere.

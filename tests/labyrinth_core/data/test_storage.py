@@ -16,7 +16,7 @@ import pytest
 from s3_server import S3Server, serving
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_transitions
+from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import (
     RemotePath,

@@ -33,9 +33,9 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
-from labyrinth_core.data import part
+from labyrinth_core.data import dataset
 from labyrinth_core.data import stream as streaming
-from labyrinth_core.data.loader import episodes_of
+from labyrinth_core.data.load import episodes_of
 from labyrinth_core.data.manifest import Manifest
 
 CONFIG = "3x4"
@@ -75,7 +75,7 @@ def no_torchrun(monkeypatch):
 @pytest.fixture(autouse=True)
 def small_groups_may_end_within_episodes(monkeypatch):
     """As large ones do, those of 64 MiB, which would take long to make."""
-    monkeypatch.setattr(part, "FULL", 0)
+    monkeypatch.setattr(dataset, "FULL", 0)
 
 
 @contextmanager

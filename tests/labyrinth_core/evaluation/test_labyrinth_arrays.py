@@ -7,7 +7,7 @@ import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.observations import Looks
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays

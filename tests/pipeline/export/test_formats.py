@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 import pytest
 from exporting import SIZE, episodes, split_of
 
-from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import TABLE
 from pipeline.config.run import Run
 from pipeline.export import imitation, lerobot
 

@@ -18,8 +18,7 @@ from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import MANIFEST, TABLE
 from labyrinth_core.data.storage import file_sha256, temporary_beside
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS

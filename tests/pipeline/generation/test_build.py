@@ -21,9 +21,8 @@ from PIL import Image
 from tampering import Rows, content_of, episode_starts, identities, manifest_of, read_rows
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.loader import load_episodes
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.load import load_episodes
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import Mosaic, Strip

@@ -16,8 +16,8 @@ import pytest
 from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import TABLE, Manifest, table_file
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
 from pipeline.generation.write import arrow_schema

@@ -15,7 +15,7 @@ import yaml
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_transitions
+from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS

@@ -24,13 +24,8 @@ from brute_force import (
 from datasets import load_dataset
 from tampering import Rows, read_rows
 
-from labyrinth_core.data.labyrinth_table import (
-    MOST_ROUTES,
-    TABLE,
-    TABLE_COLUMNS,
-    table_rows,
-)
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.dynamics import replay
@@ -39,6 +34,7 @@ from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
 from pipeline.generation import tabulate
 from pipeline.generation.solve import Solution
+from pipeline.generation.tabulate import MOST_ROUTES
 
 pytestmark = pytest.mark.slow
 
@@ -166,6 +162,5 @@ def test_datasets_reads_it_as_a_config_of_its_own(small_dataset: Run) -> None:
         )
         assert list(loaded) == rows
         assert list(loaded.features) == [column.name for column in TABLE_COLUMNS]
-    assert list(table_rows(small_dataset.folder, Manifest.read(small_dataset.folder))) == rows
     whole = load_dataset(str(small_dataset.data_dir), "3x3")
     assert list(whole) == list(BASE_SPLITS)

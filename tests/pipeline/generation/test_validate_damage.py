@@ -26,7 +26,7 @@ from tampering import (
 )
 
 from labyrinth_core.data import rows as reading
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -61,7 +61,7 @@ def test_a_want_of_memory_is_not_taken_for_a_damaged_file(
     def read(*_: Any) -> None:
         raise pa.ArrowMemoryError("malloc of size 30000000 failed")
 
-    monkeypatch.setattr(reading, "read_schema", read)
+    monkeypatch.setattr(reading, "open_shard", read)
     monkeypatch.setattr(checking, "read_schema", read)
     with pytest.raises(MemoryError):
         problems(folder)

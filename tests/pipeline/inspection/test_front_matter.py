@@ -12,8 +12,7 @@ import yaml
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import MANIFEST, TABLE
 from labyrinth_core.data.splits import BASE_SPLITS
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter

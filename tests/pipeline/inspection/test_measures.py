@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
+from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.episodes import grouped
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.part import Part
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay

@@ -24,9 +24,8 @@ from making import make, make_both
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
 
-from labyrinth_core.data.columns import COLUMNS
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE_COLUMNS
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse

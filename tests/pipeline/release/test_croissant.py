@@ -12,8 +12,7 @@ import pytest
 from PIL import Image
 from planting import DEFAULT, OTHER
 
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from pipeline.release import card

@@ -14,7 +14,7 @@ from reporting import METHOD, analyse, evaluate, evaluate_own
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from pipeline.inspection.counts import count_routes
 from pipeline.inspection.routes import routes

@@ -14,7 +14,7 @@ from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
 from labyrinth_core.command.__main__ import main
-from labyrinth_core.data.loader import load_episodes
+from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE

@@ -14,7 +14,7 @@ from rich.console import Console
 from submitted import forgetful, keep, of_few, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.schema import read_json
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.console import say_once

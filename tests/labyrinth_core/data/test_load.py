@@ -18,9 +18,9 @@ import pytest
 from datasets import load_dataset
 from tampering import episode_rows, put_shards
 
-from labyrinth_core.data import part
+from labyrinth_core.data import dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.loader import load_episodes, load_transitions
+from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
@@ -140,7 +140,7 @@ def test_files_and_batches_may_end_in_the_middle_of_an_episode(
 def test_streams_join_row_groups_that_end_in_the_middle_of_an_episode(
     data_dir, tmp_path, monkeypatch, rows_a_group
 ):
-    monkeypatch.setattr(part, "FULL", 0)
+    monkeypatch.setattr(dataset, "FULL", 0)
     other = divided(data_dir, tmp_path / "divided", rows_a_file=10**6, rows_a_group=rows_a_group)
     options = {"split": "random", "image_size": 16}
     expected = list(load_episodes(data_dir, "3x3", **options))

@@ -6,14 +6,10 @@ list with one shape for each item; None, for anything; or else the very value th
 
 from __future__ import annotations
 
-import json
 import re
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NoReturn
-
-from labyrinth_core.data.storage import AnyPath
+from typing import Any
 
 _MOST = 1e15
 """No number of ours is larger, and the page of the report holds this one exactly."""
@@ -77,28 +73,6 @@ class Named:
 COUNT = Number(0, whole=True)
 SHARE = Number(0, 1 + 1e-9)
 """A sum of many probabilities may be a little more than 1."""
-
-
-def read_json(path: AnyPath) -> Any:
-    """Return what a JSON file holds.
-
-    Raises:
-        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN, an infinity, or an
-            object that has a name twice.
-    """
-    return json.loads(path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous)
-
-
-def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
-        twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-        raise ValueError(f"{twice!r:.60} is there twice in one object")
-    return found
-
-
-def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number of JSON")
 
 
 def check_shape(value: Any, shape: Any, place: str = "it") -> None:

@@ -1,0 +1,239 @@
+"""Loaded transitions in a folder, mapped into memory, so that pictures are made only once.
+
+The folder holds an array in each file: the observations of all states and the columns of their
+transitions. A SHA-256 of the folder's name and the columns stands beside them; hashing the
+observations would take as long as reading them. A folder that is damaged is made again.
+
+One process makes a folder, under a lock and another name, and renames it; others wait for it.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import math
+import os
+import re
+import warnings
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+from numpy.lib import format as npy
+from numpy.typing import NDArray
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.storage import locked
+
+LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
+"""The environment variable for the most gigabytes of caches in a folder, and its default."""
+
+LARGE = 500_000_000
+"""The bytes from which on the writing of pictures is announced."""
+
+Columns = Mapping[str, NDArray[Any]]
+"""Fields of `Transitions` by name."""
+
+COLUMNS: dict[str, np.dtype[Any]] = {
+    "rows": np.dtype("<i8"),
+    "actions": np.dtype("<i8"),
+    "rewards": np.dtype("<f4"),
+    "terminated": np.dtype("?"),
+    "labyrinth_ids": np.dtype("<i8"),
+}
+"""The fields of `Transitions` except the frames and `optimal` -> their types."""
+
+FRAMES, SUM = "frames.npy", "sha256"
+_FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)
+_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{32}}", re.ASCII)
+
+Content = Iterable[tuple[NDArray[np.uint8], Columns]]
+"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
+
+
+def name_of(config: str, split: str, image_size: int, key: str) -> str:
+    """Return the name of a cache's folder; the key is a hash of all that the content depends on."""
+    return f"{config}-{split}-{image_size}-{key[:32]}"
+
+
+def user_folder() -> Path:
+    """Return the default folder of caches (XDG Base Directory Specification, version 0.8).
+
+    Raises:
+        OSError: The home folder of the user is unknown.
+    """
+    base = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    try:  # The specification says to ignore relative paths.
+        return (base if base.is_absolute() else Path.home() / ".cache") / "labyrinth-datasets"
+    except RuntimeError as error:
+        raise OSError(str(error)) from error
+
+
+def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
+    """Return the frames and columns in a folder, which is made if it is missing or damaged.
+
+    The caches beside it that were used least recently are removed if all would exceed the limit.
+
+    Args:
+        folder: The folder, whose name is one of `name_of`.
+        shape: The shape of all frames together.
+        content: What the folder holds; iterated only to make it.
+
+    Raises:
+        OSError: The folder can be neither read nor made.
+        DatasetError: The frames exceed the limit by themselves, or the limit is not a number.
+    """
+    found = _read(folder, shape)
+    if found is not None:
+        return found
+    size, most = math.prod(shape), _limit()
+    if size > most:
+        raise DatasetError(
+            f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
+            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
+        )
+    if size >= LARGE:
+        warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {folder}", stacklevel=4)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    _remove_leftovers(folder.parent)
+    with locked(folder.with_name(f".{folder.name}.lock")):
+        found = _read(folder, shape)
+        if found is None:
+            _make_room(folder, most - size)
+            _make(folder, shape, content)
+            found = _read(folder, shape)
+    if found is None:
+        raise OSError(f"{folder} was made, but is not what was written")
+    return found
+
+
+def _limit() -> int:
+    """Return the most bytes that the caches in a folder may have, by the environment."""
+    text = os.environ.get(LIMIT_VARIABLE, LIMIT)
+    with suppress(ValueError):
+        if 0 <= float(text) < math.inf:
+            return int(float(text) * 1e9)
+    raise DatasetError(f"{LIMIT_VARIABLE}={text}: give a number of gigabytes, such as {LIMIT}")
+
+
+def _read(folder: Path, shape: tuple[int, ...]) -> Columns | None:
+    """Return the arrays in a folder, None if it is missing or damaged."""
+    try:
+        frames = mapped(folder / FRAMES)
+        columns = {name: mapped(folder / f"{name}.npy") for name in COLUMNS}
+        digest = (folder / SUM).read_bytes()
+    except (FileNotFoundError, ValueError):
+        return None
+    types = {name: array.dtype for name, array in columns.items()}
+    if frames.dtype != np.uint8 or frames.shape != shape or types != COLUMNS:
+        return None
+    if digest != _digest(folder.name, columns):
+        return None
+    with suppress(OSError):  # The folder may be read-only.
+        os.utime(folder / FRAMES)
+    return {"frames": frames, **columns}
+
+
+def mapped(path: str | Path) -> NDArray[Any]:
+    """Return the array in a file in the format .npy, mapped into memory and read-only.
+
+    A tensor made of the array can be written to all the same, which crashes a process where the
+    memory is mapped as read-only. So the memory is mapped as writable, and what is written stays in
+    this process. Linux refuses such a mapping of a file that is larger than all memory, which is
+    then mapped as read-only.
+
+    Raises:
+        OSError: The file cannot be read.
+        ValueError: The file is damaged.
+    """
+    try:
+        try:
+            array = npy.open_memmap(path, mode="c")
+        except OSError as error:
+            if error.errno != errno.ENOMEM:
+                raise
+            array = npy.open_memmap(path, mode="r")
+    except (SyntaxError, TokenError, OverflowError) as error:  # Of NumPy, for damaged headers.
+        raise ValueError(str(error)) from error
+    array.setflags(write=False)
+    return np.asarray(array)
+
+
+def _digest(name: str, columns: Columns) -> bytes:
+    """Return the hash of the name of a cache and of its columns."""
+    digest = hashlib.sha256(repr((name, [array.shape for array in columns.values()])).encode())
+    for array in columns.values():
+        digest.update(array.data)
+    return digest.hexdigest().encode()
+
+
+def joined_columns(parts: Sequence[Columns]) -> Columns:
+    """Return consecutive columns as one, of the types of `COLUMNS`."""
+    return {
+        name: np.concatenate([part[name] for part in parts]).astype(dtype, copy=False)
+        for name, dtype in COLUMNS.items()
+    }
+
+
+def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
+    """Make the folder of a cache, in place of a damaged one."""
+    temporary = folder.with_name(f".{folder.name}")
+    _remove(temporary)  # A process that was killed may have left it.
+    temporary.mkdir()
+    try:
+        # Written, not mapped: on a full disk a process that writes to mapped memory is killed.
+        with (temporary / FRAMES).open("wb") as file:
+            header = {"descr": "|u1", "fortran_order": False, "shape": shape}
+            npy.write_array_header_1_0(file, header)
+            parts: list[Columns] = []
+            for frames, columns in content:
+                file.write(np.ascontiguousarray(frames).data)
+                parts.append(columns)
+            file.flush()
+            # Otherwise, after a power failure, the name could be there without the content.
+            os.fsync(file.fileno())
+        joined = joined_columns(parts)
+        for name, array in joined.items():
+            np.save(temporary / f"{name}.npy", array)
+        (temporary / SUM).write_bytes(_digest(folder.name, joined))
+        _remove(folder)
+        temporary.replace(folder)
+    finally:
+        _remove(temporary)
+
+
+def _remove(folder: Path) -> None:
+    """Remove the folder of a cache if it exists; raise OSError if it holds other files, too."""
+    with suppress(FileNotFoundError):
+        for name in _FILES:
+            (folder / name).unlink(missing_ok=True)
+        folder.rmdir()
+
+
+def _make_room(folder: Path, most: int) -> None:
+    """Remove the least recently used caches beside a folder until `most` bytes are left."""
+    used = {}
+    for each in folder.parent.iterdir():
+        if _NAME.fullmatch(each.name) and each.is_dir() and each != folder:
+            files = {file.name: file.stat() for file in each.iterdir()}
+            if FRAMES in files and files.keys() <= {*_FILES}:
+                size = sum(status.st_size for status in files.values())
+                used[each] = files[FRAMES].st_mtime, size
+    total = sum(size for _, size in used.values())
+    for each, (_, size) in sorted(used.items(), key=lambda item: item[1]):
+        if total > most:
+            _remove(each)
+            total -= size
+
+
+def _remove_leftovers(folder: Path) -> None:
+    """Remove what killed processes have left: unfinished folders whose lock no process holds."""
+    for lock in folder.glob(".*.lock"):
+        name = lock.name.removesuffix(".lock")
+        if _NAME.fullmatch(name[1:]):
+            with suppress(OSError), locked(lock, wait=False):
+                _remove(folder / name)

@@ -1,0 +1,315 @@
+"""Find a dataset: its folder, a split or some labyrinths of it, and the row groups with them.
+
+The table of labyrinths is the index: it says which rows a labyrinth has.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from posixpath import normpath
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
+from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
+from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.world.grid import whole
+
+if TYPE_CHECKING:
+    from pyarrow.compute import Expression
+    from pyarrow.parquet import ParquetFile
+
+HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+
+FULL = GROUP_BYTES // 4
+"""A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
+
+Marks = NDArray[np.int8]
+"""For each row of a shard 0 if it is not asked for, 1 if it is, 2 if it also begins a labyrinth."""
+
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A split, or some labyrinths of it."""
+
+    folder: AnyPath
+    shards: Sequence[Shard]
+    """All shards of the split."""
+    marks: Sequence[Marks] | None = None
+    """Which rows of each shard are those of the labyrinths; None for all rows."""
+    config: DatasetConfig | None = None
+    """The dataset, if it is known; see `replayed`."""
+    place: RemotePath | None = None
+    """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+    wanted: Wanted | None = None
+    """What it was found by; `units` may need the table."""
+
+    def __len__(self) -> int:
+        """Return the number of its rows."""
+        return int(self.counts().sum())
+
+    def counts(self) -> NDArray[np.int64]:
+        """Return how many rows of each shard are its own."""
+        if self.marks is None:
+            return np.array([shard.rows for shard in self.shards])
+        return np.array([np.count_nonzero(marks) for marks in self.marks])
+
+    def key(self) -> list[str]:
+        """Return hashes of the shards, and of which rows are its own if not all are."""
+        hashes = [shard.sha256 for shard in self.shards]
+        if self.marks is not None:
+            rows = np.packbits(np.concatenate(self.marks) > 0)
+            hashes.append(hashlib.sha256(rows.tobytes()).hexdigest())
+        return hashes
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield its rows; no row group is read that holds none of them.
+
+        Raises:
+            DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
+        """
+        for number in np.flatnonzero(self.counts()).tolist():
+            with self.opened(number) as file:
+                groups = range(file.num_row_groups)
+                yield from self.rows_of(file, number, groups, pictures=pictures)
+
+    def rows_of(
+        self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
+    ) -> Iterator[Rows]:
+        """Yield its rows in row groups of a shard, given the opened file and the shard's number."""
+        if self.marks is None:
+            yield from rows_together(file, groups, pictures=pictures)
+            return
+        marks = np.split(self.marks[number], group_ends(file)[:-1])
+        groups = [group for group in groups if marks[group].any()]
+        if not groups:
+            return
+        first, kept = 0, np.concatenate([marks[group] for group in groups])
+        for rows in rows_together(file, groups, pictures=pictures):
+            end = first + len(rows.actions)
+            yield rows.take(np.flatnonzero(kept[first:end]))
+            first = end
+
+    def units(self, file: ParquetFile, number: int) -> tuple[list[range], NDArray[np.int64]]:
+        """Divide a shard into units, each of the fewest row groups that no episode leaves.
+
+        Returns:
+            The row groups of each unit, and how many of its rows are the part's own.
+        """
+        ends = group_ends(file)
+        sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 1)]
+        whole, firsts = np.array(sizes) < FULL, ends[:-1]
+        if not whole.all():
+            marks = self._begins[number] if self.marks is None else self.marks[number]
+            whole |= (marks[firsts] != 1) | (marks[firsts - 1] == 0)
+        cuts = np.array([0, *(np.flatnonzero(whole) + 1), len(ends)])
+        kept = np.arange(self.shards[number].rows + 1)
+        if self.marks is not None:
+            kept = np.append(0, np.cumsum(self.marks[number] > 0))
+        return [*map(range, cuts[:-1], cuts[1:])], np.diff(kept[np.append(0, ends)[cuts]])
+
+    @cached_property
+    def _begins(self) -> list[Marks]:
+        """The marks of all rows of the split, from the table."""
+        assert self.wanted is not None
+        whole = replace(self.wanted, labyrinths=None, where=None)
+        return _marks(whole, Manifest.read(whole.locate([])))
+
+    def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
+        """Open a shard; an error within means that it cannot be read."""
+        shard = self.shards[number]
+        if self.place is None or (self.folder / shard.path).is_file():
+            return opened(self.folder, shard)
+        return opened_in_place(self.place / shard.path, shard)
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """A split or a part of it that a caller wants; see `load.load_episodes` for the fields."""
+
+    source: str | Path
+    config: str
+    split: str
+    revision: str | None
+    labyrinths: int | None
+    where: Filter | None
+
+    def locate(self, files: Iterable[str]) -> AnyPath:
+        """Return the folder with the manifest and other files; see `locate`."""
+        return locate(self.source, self.config, files, self.revision)
+
+
+def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
+    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+
+    Args:
+        wanted: The split or part of it.
+        in_place: Whether shards on the Hub are not downloaded, but read where they are.
+
+    Raises:
+        ValueError, DatasetError: As for `load.load_episodes`.
+    """
+    some = wanted.labyrinths is not None or wanted.where is not None
+    folder = wanted.locate([] if some or in_place else [f"{wanted.split}-*.parquet"])
+    manifest = Manifest.read(folder)
+    part = Part(folder, manifest.of(wanted.split), config=manifest.config, wanted=wanted)
+    if some:
+        marks = _marks(wanted, manifest)
+        if not all(each.all() for each in marks):
+            part = replace(part, marks=marks)
+        if not in_place:
+            held = zip(part.shards, part.counts(), strict=True)
+            part = replace(part, folder=wanted.locate([s.path for s, rows in held if rows]))
+    if in_place and local_folder(wanted.source, wanted.config, wanted.revision) is None:
+        commit = folder.parent.name  # What is read later is of the same commit.
+        place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
+        part = replace(part, place=place, wanted=replace(wanted, revision=commit))
+    return part
+
+
+def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
+    """Return which rows of each shard of a split are those of the labyrinths asked for."""
+    labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
+    firsts, rows = _rows_of_labyrinths(wanted, manifest)
+    if labyrinths is not None:
+        filtered = "" if where is None else f" where {where}"
+        count = len(firsts)
+        held = f"a whole number from 1 to {count}, as many as split={split} has{filtered}"
+        labyrinths = whole("labyrinths", labyrinths, 1, count, allowed=held)
+    firsts, rows = firsts[:labyrinths], rows[:labyrinths]
+    ends = np.cumsum([shard.rows for shard in manifest.of(split)])
+    if not ((firsts >= 0) & (rows > 0) & (firsts + rows <= ends[-1])).all():
+        raise DatasetError(f"{TABLE} has other rows than the shards of split={split}")
+    steps = np.zeros(ends[-1] + 1, np.int8)
+    steps[firsts] += 1
+    steps[firsts + rows] -= 1
+    marks = np.cumsum(steps[:-1], dtype=np.int8)
+    marks[firsts] = 2
+    return np.split(marks, ends[:-1])
+
+
+def _rows_of_labyrinths(
+    wanted: Wanted, manifest: Manifest
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the first row of each labyrinth that a filter leaves, and how many rows it has."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+    import pyarrow.parquet as pq
+
+    split, where = wanted.split, wanted.where
+    if where is not None and not isinstance(where, pc.Expression):
+        raise ValueError(
+            f"where={where!r:.99}: give an expression, such as pyarrow.compute.field('moves') >= 12"
+        )
+    own = pc.field("split") == split
+    filters = own if where is None else own & where
+    with table_file(wanted.locate([TABLE]), manifest) as path:
+        try:
+            table = pq.read_table(path, columns=["first_row", "rows"], filters=filters)
+            firsts, rows = (table[name].cast("int64").to_numpy() for name in table.column_names)
+        except pa.ArrowException as error:
+            if where is None:
+                raise
+            reason = str(error).partition(" in ")[0].partition("\n")[0]
+            columns = ", ".join(column.name for column in TABLE_COLUMNS)
+            raise ValueError(
+                f"where={where}: {reason}; the columns of {TABLE} are {columns}"
+            ) from error
+    if where is not None and not len(firsts):
+        raise ValueError(f"where={where}: split={split} has no such labyrinth")
+    return firsts, rows
+
+
+def locate(
+    source: str | Path, config: str, files: Iterable[str], revision: str | None = None
+) -> AnyPath:
+    """Return the folder with a dataset's manifest and other files, given by names or patterns.
+
+    Files on the Hub are downloaded to its cache first; `../README.md` is the card of all configs.
+
+    Raises:
+        DatasetError: There is no such folder, or the Hub does not provide it.
+    """
+    return local_folder(source, config, revision) or _download(str(source), config, files, revision)
+
+
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
+    """Return the folder with a dataset's manifest, None for an id on the Hub.
+
+    Raises:
+        ValueError: A revision is given for a folder.
+        DatasetError: The source is neither a folder nor an id, or has no such config.
+    """
+    try:
+        folder = folder_at(source)
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    if folder.is_dir():
+        if revision is not None:
+            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        if not _has_episodes(folder / config):
+            if (folder / MANIFEST).is_file():
+                raise DatasetError(
+                    f"{source} is the folder of the config {folder.name}: give the folder that "
+                    f"holds it, {folder.parent}"
+                )
+            raise _no_config(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
+        return folder / config
+    if not HUB_ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
+    return None
+
+
+def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
+    from huggingface_hub import HfApi, snapshot_download
+
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+    patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
+    try:
+        snapshot = snapshot_download(
+            source, repo_type="dataset", revision=revision, allow_patterns=patterns
+        )
+        if _has_episodes(Path(snapshot, config)):
+            return Path(snapshot) / config
+        there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+    except UNAVAILABLE as error:
+        raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
+    manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
+    raise _no_config(source, config, manifests)
+
+
+def why_unavailable(source: str, error: Exception) -> str:
+    """Return why the Hub's client, or `datasets`, does not provide a dataset, given its error."""
+    file = error.filename if isinstance(error, OSError) else None
+    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+    if Path(source).is_dir():
+        return f"{source} cannot be read"
+    return f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
+
+
+def _has_episodes(folder: AnyPath) -> bool:
+    return (folder / MANIFEST).is_file() and not folder.name.endswith(f"-{QUESTIONS}")
+
+
+def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+    names = (path.split("/")[-2] for path in manifests)
+    held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
+    none = f"none: a dataset has a {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -1,0 +1,77 @@
+"""The columns of a dataset and of its table, for writer, reader and documents alike."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from labyrinth_core.world.grid import Action
+
+NO_ACTION = -1
+"""The value of `actions` in the last row of an episode, in which no action is taken."""
+
+
+GROUP_BYTES = 64 << 20
+"""The bytes of pictures after which a row group ends, within an episode if need be.
+
+Bytes are estimated from the last picture; a group of less than a quarter ends with an episode. A
+shard ends with a labyrinth. Streams rely on both.
+
+The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
+group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
+"""
+
+
+class Column(NamedTuple):
+    """One column of a file of ours."""
+
+    name: str
+    feature: dict[str, Any]
+    """The feature, as the library `datasets` describes it in Parquet files and cards."""
+    meaning: str
+
+    @classmethod
+    def of(cls, name: str, dtype: str, meaning: str) -> Column:
+        """Return a column of plain values, such as `int32` or `string`."""
+        return cls(name, {"dtype": dtype, "_type": "Value"}, meaning)
+
+
+COLUMNS = (
+    Column("obs", {"_type": "Image"}, "picture of the state, 600 x 600 RGB, PNG"),
+    Column(
+        "actions",
+        {"names": [action.name.lower() for action in Action], "_type": "ClassLabel"},
+        "action taken: 0 up, 1 right, 2 down, 3 left; -1 in the last row of an episode",
+    ),
+    Column.of(
+        "rewards",
+        "float32",
+        "reward received for the action; 0 in the last row of an episode",
+    ),
+    Column.of("episode_starts", "bool", "whether the row is the first of an episode"),
+    Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
+)
+"""The columns of the rows."""
+
+TABLE_COLUMNS = (
+    # As text, since sixteen digits are more than the numbers of JSON and JavaScript can hold.
+    Column.of("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
+    Column.of("structure_id", "string", "hash of its structure, likewise"),
+    Column.of("split", "string", "split that it is in"),
+    Column.of("parent_id", "string", "labyrinth that it was derived from; null if from none"),
+    Column.of("height", "int32", "rows of cells"),
+    Column.of("width", "int32", "columns of cells"),
+    Column.of("task", "string", "task, such as navigation"),
+    Column.of("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
+    Column.of("goal", "int32", "cell of the goal, likewise"),
+    Column.of("moves", "int32", "moves on a shortest route"),
+    Column.of("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
+    Column.of("turns", "int32", "changes of direction on its first route; null in random"),
+    Column.of("loops", "int32", "passages beyond those of a tree"),
+    Column.of("branching", "int32", "cells with three or four passages"),
+    Column.of("dead_ends", "int32", "cells with one passage"),
+    Column.of("episodes", "int32", "episodes in the split"),
+    Column.of("first_row", "int64", "its first row in the split, counted from 0"),
+    Column.of("rows", "int32", "rows in the split, which follow one another"),
+    Column.of("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
+)
+"""The columns of the table of labyrinths, one row for each labyrinth, see `manifest.TABLE`."""

@@ -1,0 +1,360 @@
+"""Loading of datasets from a folder or the Hub, as episodes or transitions (s, a, s').
+
+    from labyrinth_core import load_transitions
+
+    transitions = load_transitions("data/labyrinth", "5x5", split="train", image_size=64)
+    s, a, s_next = transitions[0]
+
+No transition crosses the end of an episode. Files and the content of the Hub are parsed, never
+evaluated.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import warnings
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any, Literal, NamedTuple, overload
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.cache import (
+    Columns,
+    cached,
+    joined_columns,
+    mapped,
+    name_of,
+    user_folder,
+)
+from labyrinth_core.data.dataset import Filter, Part, Wanted, find_part
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
+from labyrinth_core.data.rows import Rows
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+
+
+class Transition(NamedTuple):
+    """One step: state, action, next state."""
+
+    observation: NDArray[Any]
+    action: int
+    next_observation: NDArray[Any]
+
+
+class TransitionBatch(NamedTuple):
+    """Several steps, along the first axis of each array."""
+
+    observation: NDArray[Any]
+    action: NDArray[np.int64]
+    next_observation: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
+
+    Each state is kept once, and consecutive transitions share it; so all arrays are read-only.
+    Arrays of the cache are sent to other processes as the names of their files.
+    """
+
+    frames: NDArray[Any]
+    """Observations of all states of all episodes, one after the other, shape (M, ...)."""
+    rows: NDArray[np.int64]
+    """Index in `frames` of each transition's state, shape (N,); the next state follows it."""
+    actions: NDArray[np.int64]
+    """Actions taken, shape (N,)."""
+    rewards: NDArray[np.float32]
+    """Rewards received, shape (N,)."""
+    terminated: NDArray[np.bool_]
+    """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
+    labyrinth_ids: NDArray[np.int64]
+    """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
+    optimal: NDArray[np.bool_] | None = None
+    """Which of the four actions begin a shortest route, shape (N, 4), if it was asked for."""
+
+    def __post_init__(self) -> None:
+        for each in fields(self):
+            array = getattr(self, each.name)
+            if array is not None:
+                array.setflags(write=False)
+
+    def __len__(self) -> int:
+        """Return the number of transitions, N."""
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        """Return the number of transitions and of labyrinths, and what an observation is."""
+        labyrinths = len(np.unique(self.labyrinth_ids))
+        shape, kind = self.frames.shape[1:], self.frames.dtype
+        return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Whether the transition ends an episode that was cut, shape (N,)."""
+        return self.dones & ~self.terminated
+
+    @property
+    def dones(self) -> NDArray[np.bool_]:
+        """Whether the transition ends its episode, terminated or truncated, shape (N,)."""
+        # The last state of an episode, in which no action is taken, lies before the next one.
+        dones: NDArray[np.bool_] = np.diff(self.rows, append=len(self.frames)) != 1
+        return dones
+
+    @property
+    def episode_indices(self) -> NDArray[np.int64]:
+        """The number of each transition's episode in the split, from 0, shape (N,)."""
+        # Each episode before it has one state more than transitions.
+        numbers: NDArray[np.int64] = self.rows - np.arange(len(self.rows))
+        return numbers
+
+    @property
+    def observations(self) -> NDArray[Any]:
+        """The observations before the actions, shape (N, ...); a new array."""
+        return self.frames.take(self.rows, axis=0)
+
+    @property
+    def next_observations(self) -> NDArray[Any]:
+        """The observations after the actions, shape (N, ...); a new array."""
+        return self.frames.take(self.rows + 1, axis=0)
+
+    @overload
+    def __getitem__(self, index: int) -> Transition: ...
+
+    @overload
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.int64]) -> TransitionBatch: ...
+
+    def __getitem__(
+        self, index: int | slice | Sequence[int] | NDArray[np.int64]
+    ) -> Transition | TransitionBatch:
+        """Return one transition as views of `frames`, or a batch as new arrays."""
+        rows = self.rows[index]
+        if isinstance(rows, np.ndarray):
+            return TransitionBatch(
+                self.frames.take(rows, axis=0),
+                np.array(self.actions[index]),
+                self.frames.take(rows + 1, axis=0),
+            )
+        return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
+        """Return several transitions in new memory; a `DataLoader` calls this for a batch.
+
+        Read-only arrays make tensors that are not to be written to.
+        """
+        batch = self[np.asarray(indices, np.int64)]
+        steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
+        return [Transition(*step) for step in steps]
+
+    def __iter__(self) -> Iterator[Transition]:
+        """Yield all transitions in order."""
+        return (self[index] for index in range(len(self)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how to pickle the transitions: whole arrays of a cache by their files."""
+        return _received, tuple(_sent(getattr(self, field.name)) for field in fields(self))
+
+
+def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
+    """Return an array, or the name of its file if it is the whole array of a cache."""
+    base = None if array is None else array.base
+    if array is None or not isinstance(base, np.memmap) or base.flags.writeable:
+        return array
+    whole = (array.dtype, array.shape) == (base.dtype, base.shape) and array.flags.c_contiguous
+    return str(base.filename) if whole and str(base.filename).endswith(".npy") else array
+
+
+def _received(*sent: Any) -> Transitions:
+    return Transitions(*(_mapped(each) if isinstance(each, str) else each for each in sent))
+
+
+def _mapped(path: str) -> NDArray[Any]:
+    try:
+        return mapped(path)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
+
+
+def load_transitions(  # noqa: D417
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+    cache_dir: str | Path | bool | None = True,
+    optimal: bool = False,
+) -> Transitions:
+    """Return all transitions of a split.
+
+    Pictures are made once and kept in a cache, which is memory-mapped from then on. Its name
+    follows from the hashes of the shards in the manifest, so that a dataset built anew is read
+    anew. The shards are compared with the manifest when the cache is made, and are not read when it
+    exists.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and
+            for all arguments that are not explained here.
+        config: Name of the dataset's config, such as `5x5`.
+        cache_dir: Folder of caches. True stands for `labyrinth-datasets` in `$XDG_CACHE_HOME` or
+            `~/.cache`. False or None holds everything in memory; so does, with a warning, a folder
+            that cannot be written, or a full disk. A folder has 20 GB of caches at most, or as many
+            as the environment variable LABYRINTH_CACHE_GB says; those used least recently make
+            room.
+        optimal: Whether to find out, too, which actions were optimal, by solving each labyrinth.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache
+            would exceed its limit.
+    """
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    named = isinstance(cache_dir, str) and cache_dir.strip()
+    if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
+        raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    part = find_part(wanted)
+    found = None
+    if observation == "image" and cache_dir is not None and cache_dir is not False:
+        found = _cached(cache_dir, split, part, spec)
+    if found is None:
+        found = _in_memory(part, spec)
+    if not optimal:
+        return found
+    blocks = replayed(part.rows(pictures=False), part.config)
+    acting = [block.optimal()[block.acting] for block in blocks]
+    return replace(found, optimal=np.concatenate(acting))
+
+
+def _cached(
+    cache_dir: str | Path | Literal[True], split: str, part: Part, spec: ObservationSpec
+) -> Transitions | None:
+    """Return the transitions in a cache, None if they are to be held in memory."""
+    try:
+        folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
+        size = int(spec.image_size)
+        name = name_of(part.folder.name, split, size, _key(part, spec))
+        parts = _parts(part.rows(pictures=spec.decodes), spec, part.config)
+        shape = len(part), size, size, 3
+        return Transitions(**cached(folder / name, shape, _observed(parts, spec)))
+    except OSError as error:
+        reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
+        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
+        return None
+
+
+def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
+    """Return the transitions, after reading all rows, so that pictures get their room at once.
+
+    Joining pictures that were made one part after the other takes twice as long.
+    """
+    blocks = list(replayed(part.rows(pictures=spec.decodes), part.config))
+    count = sum(len(block.states) for block in blocks)
+    parts = (some for block in blocks for some in block.parts(spec.together))
+    shape = (count, spec.image_size, spec.image_size, 3)
+    pictures = np.empty(shape, np.uint8) if spec.observation == "image" else None
+    frames, columns = zip(*_observed(parts, spec, pictures), strict=True)
+    return Transitions(
+        np.concatenate(frames) if pictures is None else pictures, **joined_columns(columns)
+    )
+
+
+def _observed(
+    parts: Iterable[Episodes], spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
+) -> Iterator[tuple[NDArray[Any], Columns]]:
+    """Yield the observations of parts, in `pictures` if given, and their transitions' columns.
+
+    Raises:
+        DatasetError: There are no parts, or a picture cannot be decoded.
+    """
+    first = 0
+    for episodes in parts:
+        end = first + len(episodes.states)
+        own = None if pictures is None else pictures[first:end]
+        steps, rows = np.flatnonzero(episodes.acting), episodes.whole.rows
+        columns: Columns = {
+            "rows": first + steps,
+            "actions": rows.actions[steps],
+            "rewards": rows.rewards[steps],
+            "terminated": episodes.over[steps + 1],
+            "labyrinth_ids": episodes.ids[episodes.which[steps]],
+        }
+        yield spec.observe(episodes, own), columns
+        first = end
+    if not first:
+        raise DatasetError("there is no episode in the split")
+
+
+def _parts(
+    rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None
+) -> Iterator[Episodes]:
+    """Yield the episodes of rows, as many together as are observed at once."""
+    for block in replayed(rows, config):
+        yield from block.parts(spec.together)
+
+
+def _key(part: Part, spec: ObservationSpec) -> str:
+    """Return a hash of all that the content of a cache depends on."""
+    content = part.key(), int(spec.image_size), spec.draw, spec.resize, PICTURES_VERSION
+    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
+
+
+def load_episodes(
+    source: str | Path,
+    config: str,
+    *,
+    split: str = "train",
+    observation: str = "image",
+    image_size: int = DEFAULT_IMAGE_SIZE,
+    draw: bool = False,
+    resize: str = "area",
+    revision: str | None = None,
+    labyrinths: int | None = None,
+    where: Filter | None = None,
+) -> Generator[LoadedEpisode]:
+    """Yield the episodes of a split, in order.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
+        split: One of train, validation, test, random, s0, s0_and_g, or a shift.
+        observation: "image" for the pictures in `obs`; "vector" for the authors' vectors, made from
+            `info` and `actions` alone (see `labyrinth_core.pictures.vector`); "text" for the
+            labyrinth in the text language, with the agent in it as `@`.
+        image_size: Pixels on each side of the pictures.
+        revision: Branch, tag or commit on the Hub; not for folders.
+        draw: Whether pictures are drawn from `info` and `actions` instead of decoded from `obs`;
+            they are equal, as `validate` checks.
+        resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
+            loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
+        labyrinths: How many labyrinths, the first ones of the split, or of those that `where`
+            leaves; None for all.
+        where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
+            (see `labyrinth_core.data.format.TABLE_COLUMNS`).
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        DatasetError: There is no such dataset or split, or its rows do not make episodes.
+    """
+    spec = ObservationSpec(observation, image_size, draw, resize)
+    wanted = Wanted(source, config, split, revision, labyrinths, where)
+    part = find_part(wanted)
+    return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
+
+
+def episodes_of(
+    rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
+) -> Generator[LoadedEpisode]:
+    """Yield the episodes that rows make; see `replayed`."""
+    for episodes in _parts(rows, spec, config):
+        yield from episodes.loaded(spec.observe(episodes))
