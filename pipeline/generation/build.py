@@ -29,7 +29,7 @@ from pipeline.config.run import Run
 from pipeline.generation.candidates import CELLS_PER_CHUNK
 from pipeline.generation.plan import Plan, plan_shards
 from pipeline.generation.sample import check_capacity
-from pipeline.generation.shards import ShardJob, finished_shard, make_shard, not_as_it_was
+from pipeline.generation.shards import ShardJob, ShardThere, finished, make_shard, not_as_it_was
 from pipeline.generation.tabulate import read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
@@ -169,17 +169,18 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
         say(f"{run.folder} is complete already.")
         return
     # The table follows from what all shards were made of.
-    again = damaged if has_table else manifest.shards
-    expected = {shard.path: shard.sha256 for shard in again}
+    again = {
+        shard.path: ShardThere(workplace.folder / shard.path, shard)
+        for shard in (damaged if has_table else manifest.shards)
+    }
     workplace.begin(run.dataset)
-    plan = plan_of()
     jobs = [
-        replace(job, path=workplace.folder / name, expected=expected[name])
-        for job in plan.jobs
-        if (name := job.path.name) in expected
+        replace(job, path=there.path, there=there)
+        for job in plan_of().jobs
+        if (there := again.get(job.path.name))
     ]
     made = {shard.path for shard in _made(run, jobs)}
-    if missing := [name for name in expected if name not in made]:
+    if missing := [name for name in again if name not in made]:
         raise DatasetError(not_as_it_was(run.folder / missing[0]))
     names = [shard.path for shard in damaged]
     if not has_table:
@@ -240,7 +241,7 @@ def _run_part(run: Run, workplace: Workplace, plan_of: Callable[..., Plan]) -> N
 
 def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
     """Return the shards that parts have finished; raise DatasetError if one is missing."""
-    found = list(ordered_map(finished_shard, jobs, run.options.workers))
+    found = list(ordered_map(finished, jobs, run.options.workers))
     missing = [number for number, shard in enumerate(found) if shard is None]
     if missing:
         of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))

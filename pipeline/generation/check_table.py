@@ -3,22 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
-from typing import TYPE_CHECKING
-
-import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
-from pipeline.generation.tabulate import Facts, facts_table
+from pipeline.generation.tabulate import Facts, facts_table, opened_table, table_part
 from pipeline.generation.write import arrow_schema
-
-if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
 
 
 def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
@@ -31,7 +23,7 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
         digest, expected = file_sha256(path), manifest.table.sha256
         if digest != expected:
             problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
-        with _open(path) as file:
+        with opened_table(path) as file:
             rows, schema = file.metadata.num_rows, file.schema_arrow
     except FileNotFoundError:
         return [f"{TABLE} is missing"], False
@@ -70,7 +62,7 @@ def table_problems(
     import pyarrow as pa
 
     try:
-        found = _rows(folder, first, len(facts))
+        found = table_part(folder / TABLE, first, len(facts))
     except (OSError, ValueError, pa.ArrowException) as error:
         yield f"{TABLE} cannot be read: {one_line(error)}"
         return
@@ -81,26 +73,3 @@ def table_problems(
             if value != right:
                 yield f"{TABLE} row {row} {name}: {value!r:.99}, but the shard gives {right!r}"
                 break
-
-
-def _rows(folder: AnyPath, first: int, count: int) -> pa.Table:
-    """Return some rows of the table, reading the row groups that they are in."""
-    with _open(folder / TABLE) as file:
-        sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
-        ends = np.cumsum([0, *sizes])
-        begin, end = np.searchsorted(ends, first, "right") - 1, np.searchsorted(ends, first + count)
-        table = file.read_row_groups([*range(begin, end)], use_threads=False)
-    return table.slice(first - int(ends[begin]), count)
-
-
-@contextmanager
-def _open(path: AnyPath) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file, which may be in an object store, to be read without further threads.
-
-    A thread of Arrow that still holds a buffer of a Python file when the interpreter ends aborts
-    the process (https://github.com/apache/arrow/issues/34314).
-    """
-    import pyarrow.parquet as pq
-
-    with path.open("rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as file:
-        yield file

@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
 from pipeline.generation.sample import sample
-from pipeline.generation.shards import OldShard, ShardJob
-from pipeline.generation.tabulate import Facts, table_facts
+from pipeline.generation.shards import ShardJob, ShardThere
+from pipeline.generation.tabulate import structures_in
 from pipeline.generation.workplace import Workplace
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
@@ -69,69 +70,55 @@ def plan_shards(
     sampled = sample(config, candidates)
     size = max(1, cells_per_shard // (config.height * config.width))
     shards = -(-config.labyrinths // size)
-    old: dict[tuple[str, int], OldShard] = {}
-    if shorter is not None and isinstance(run.folder, Path):
-        old = unchanged(run.folder, shorter, config.labyrinths, sampled.structures, size)
-        total = count(shards * len(config.splits), "shard")
-        say(f"{run.folder} grows: {len(old)} of {total} stay.")
-    jobs = [
-        ShardJob(
-            config,
-            split,
-            first,
-            sampled.structures[SPLITS[split].parent or split][first : first + size],
-            workplace.shards / f"{split}-{first // size:05d}-of-{shards:05d}.parquet",
-            building,
-            old=old.get((split, first)),
-        )
-        for split in config.splits
-        for first in range(0, config.labyrinths, size)
-    ]
+    there = {} if shorter is None else _shards_there(run.folder, shorter, sampled.structures)
+    jobs = []
+    for split in config.splits:
+        of_split = sampled.structures[SPLITS[split].parent or split]
+        for first in range(0, config.labyrinths, size):
+            structures = of_split[first : first + size]
+            name = f"{split}-{first // size:05d}-of-{shards:05d}.parquet"
+            found = there.get((split, structures["id"].tobytes()))
+            path = workplace.shards / name
+            jobs.append(ShardJob(config, split, first, structures, path, building, found))
+    if shorter is not None:
+        stay = sum(job.there is not None for job in jobs)
+        say(f"{run.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
     in_one_chunk = sampled.candidates <= candidates.first.size
     return Plan(jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS)
 
 
-def unchanged(
-    folder: Path,
-    shorter: Manifest,
-    labyrinths: int,
-    structures: Mapping[str, Records],
-    size: int,
-) -> dict[tuple[str, int], OldShard]:
-    """Return the shards that stay as they are, by split and the number of the first labyrinth.
+def _shards_there(
+    folder: AnyPath, shorter: Manifest, structures: Mapping[str, Records]
+) -> dict[tuple[str, bytes], ShardThere]:
+    """Return the shards of the dataset that grows, by their split and the ids of their structures.
 
-    Those are all in which no labyrinth is to be added, or none if it was built with other versions
-    of libraries.
+    The structures of a split with a parent are those of the parent. If the dataset was built with
+    other versions of libraries, no shard is as it would be made now.
 
     Args:
         folder: The folder of the shorter dataset.
         shorter: Its manifest.
-        labyrinths: The number of labyrinths in each split of the longer one.
         structures: The structures of the longer one, for each split that has its own.
-        size: The number of labyrinths in a shard.
 
     Raises:
         DatasetError: The longer one would not have all labyrinths of the shorter one; or the table
             of the shorter one is missing or damaged.
     """
-    facts, first, kept = table_facts(folder, shorter), 0, {}
-    same_versions = dict(shorter.versions) == build_versions()
+    ids, row = structures_in(folder, shorter), 0
+    there: dict[tuple[str, bytes], ShardThere] = {}
+    of_shards: dict[str, list[NDArray[np.int64]]] = {}
     for split in shorter.config.splits:
-        shards, begin = shorter.of(split), first
-        for number, shard in enumerate(shards):
-            own = facts[first : first + shard.labyrinths]
-            first += shard.labyrinths
-            is_full = min((number + 1) * size, labyrinths) <= shorter.config.labyrinths
-            if is_full and same_versions:
-                kept[split, number * size] = OldShard(folder / shard.path, shard, own)
-        if split in structures:
-            _check_first(folder, facts[begin:first], structures[split])
-    return kept
-
-
-def _check_first(folder: Path, facts: Facts, records: Records) -> None:
-    if not np.array_equal(facts["structure_id"], records["id"][: len(facts)]):
-        raise DatasetError(
-            f"{folder} holds labyrinths that are not in the dataset with more labyrinths or "
-            "shifts: choose another data_dir, or give overwrite=true"
-        )
+        own, begin = of_shards.setdefault(split, []), row
+        for shard in shorter.of(split):
+            own.append(ids[row : row + shard.labyrinths])
+            its = of_shards[SPLITS[split].parent or split][len(own) - 1]
+            there[split, its.tobytes()] = ShardThere(folder / shard.path, shard, row)
+            row += shard.labyrinths
+        if SPLITS[split].parent is None:
+            longer = structures[split]["id"]
+            if not np.array_equal(ids[begin:row], longer[: row - begin]):
+                raise DatasetError(
+                    f"{folder} holds labyrinths that are not in the dataset with more labyrinths "
+                    "or shifts: choose another data_dir, or give overwrite=true"
+                )
+    return there if dict(shorter.versions) == build_versions() else {}

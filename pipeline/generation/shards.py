@@ -1,10 +1,12 @@
 """One shard: the job that describes it, and how it is solved, rendered and written.
 
-A dataset that grows keeps the shards that the shorter one has filled.
+A shard that is there already is not made again. So a build that was stopped goes on, parts are put
+together, and a dataset is mended or grows.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 import shutil
 from collections import deque
@@ -13,7 +15,6 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import islice
-from pathlib import Path
 from typing import TypeVar
 
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -27,9 +28,10 @@ from pipeline.generation.candidates import Records
 from pipeline.generation.fingerprint import Row
 from pipeline.generation.render import render
 from pipeline.generation.solve import solve
-from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts
+from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts, table_facts
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.write import write
+from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import new_file
 
 CELLS_PER_BATCH = 2_000
@@ -38,14 +40,14 @@ CELLS_PER_BATCH = 2_000
 Item = TypeVar("Item")
 
 
-@dataclass(frozen=True, eq=False)
-class OldShard:
-    """A shard of a shorter dataset."""
+@dataclass(frozen=True)
+class ShardThere:
+    """A shard of the finished dataset that is to be mended or to grow."""
 
-    path: Path
+    path: AnyPath
     shard: Shard
-    facts: Facts
-    """The facts of its labyrinths."""
+    table_row: int | None = None
+    """The row of its first labyrinth in the table of labyrinths; None if the file is damaged."""
 
 
 @dataclass(frozen=True)
@@ -61,15 +63,20 @@ class ShardJob:
     building: AnyPath
     """The folder of what is left beside it: a sidecar, which marks it as finished and describes it,
     and its facts."""
-    expected: str | None = None
-    """The SHA-256 that the file must have, if it is known already."""
-    old: OldShard | None = None
-    """The same shard in the shorter dataset that grows, if there is one."""
+    there: ShardThere | None = None
+    """The shard of the same structures in the finished dataset, if it has one."""
 
     @property
     def sidecar(self) -> AnyPath:
         """The file that marks the shard as finished, and describes it."""
         return self.building / f"{self.path.name.removesuffix('.parquet')}.json"
+
+    @property
+    def key(self) -> str:
+        """A hash of all that the bytes of the shard follow from."""
+        config = replace(self.config, labyrinths=1, shifts=()).to_json()
+        parts = config, build_versions(), self.split, self.first, self.structures.tobytes()
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -80,21 +87,38 @@ def not_as_it_was(path: AnyPath) -> str:
     )
 
 
-def finished_shard(job: ShardJob) -> Shard | None:
-    """Return the shard of a job if it was finished, None if it was not."""
+def finished(job: ShardJob) -> Shard | None:
+    """Return the shard of a job if it is there already, None if it has to be made.
+
+    Either an earlier run has made it, or the finished dataset has it.
+    """
     with suppress(FileNotFoundError, *MALFORMED):
-        finished = Shard.from_json(json.loads(job.sidecar.read_bytes()))
-        read_facts(job.building, finished)
-        if file_sha256(job.path) == finished.sha256:
-            return finished
+        content = json.loads(job.sidecar.read_bytes())
+        shard = Shard.from_json(content["shard"])
+        read_facts(job.building, shard)
+        if content["key"] == job.key and file_sha256(job.path) == shard.sha256:
+            return shard
+    there = job.there
+    if there is not None and there.table_row is not None:
+        with suppress(FileNotFoundError):
+            if file_sha256(there.path) == there.shard.sha256:
+                with new_file(job.path, job.building) as path:
+                    shutil.copyfile(str(there.path), path)
+                shard = replace(there.shard, path=job.path.name)
+                return _leave(
+                    job, shard, table_facts(there.path.parent, there.table_row, shard.labyrinths)
+                )
     return None
 
 
 def make_shard(job: ShardJob) -> Shard:
-    """Make the shard of a job, or return the one that an earlier run has finished."""
-    finished = finished_shard(job) or _copied(job)
-    if finished is not None:
-        return finished
+    """Make the shard of a job, or return the one that is there already.
+
+    Raises:
+        DatasetError: The finished dataset has the shard with other bytes.
+    """
+    if (there := finished(job)) is not None:
+        return there
     config, split, cut = job.config, job.split, 0
     facts = FactsOfShard(split)
     waiting: deque[tuple[int, Labyrinth | None]] = deque()
@@ -125,29 +149,16 @@ def make_shard(job: ShardJob) -> Shard:
 
     with new_file(job.path, job.building) as path:
         shard = write(path, split, episodes())
-        if job.expected not in (None, shard.sha256):
-            raise DatasetError(not_as_it_was(job.path))
+        if job.there is not None and job.there.shard.sha256 != shard.sha256:
+            raise DatasetError(not_as_it_was(job.there.path))
     found = facts.array()
     return _leave(job, replace(shard, cut=cut, labyrinths=len(found)), found)
-
-
-def _copied(job: ShardJob) -> Shard | None:
-    """Return the shard of a job as a copy from the shorter dataset, None if it has none."""
-    if job.old is None:
-        return None
-    shard = replace(job.old.shard, path=job.path.name)
-    with suppress(FileNotFoundError):
-        if file_sha256(job.old.path) == shard.sha256:
-            with new_file(job.path, job.building) as path:
-                shutil.copyfile(job.old.path, path)
-            return _leave(job, shard, job.old.facts)
-    return None
 
 
 def _leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
     """Mark a shard as finished, and return it."""
     write_bytes(facts_path(job.building, shard), facts.tobytes())
-    write_text(job.sidecar, json.dumps(asdict(shard)))
+    write_text(job.sidecar, json.dumps({"key": job.key, "shard": asdict(shard)}))
     return shard
 
 

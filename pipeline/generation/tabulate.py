@@ -7,6 +7,7 @@ a build that was stopped need not solve a labyrinth again.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard, TableFile, table_file
+from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE, TABLE_COLUMNS, table_file
+from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -26,6 +27,7 @@ from pipeline.generation.write import arrow_schema, value_array
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    import pyarrow.parquet as pq
 
 FACTS = np.dtype(
     [
@@ -119,26 +121,65 @@ def read_facts(building: AnyPath, shard: Shard) -> Facts:
     return facts
 
 
-def table_facts(folder: AnyPath, manifest: Manifest) -> Facts:
-    """Return the facts that the table of a finished dataset holds; the inverse of `facts_table`.
+def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:
+    """Return the id of each structure in the table of a finished dataset, as a number.
 
     Raises:
-        DatasetError: It has no table, or a damaged one.
+        DatasetError: The table is missing or damaged.
     """
     import pyarrow.parquet as pq
 
-    names = list(FACTS.names or ())
-    with table_file(folder, manifest) as path:
-        table = pq.read_table(path, columns=names)
-    facts = np.empty(table.num_rows, FACTS)
-    for name in names:
+    with table_file(folder, manifest) as path, pq.ParquetFile(path) as file:
+        batches = file.iter_batches(columns=["structure_id"])
+        return np.concatenate([_numbers(batch[0].to_pylist()) for batch in batches])
+
+
+def table_facts(folder: AnyPath, first: int, count: int) -> Facts:
+    """Return facts that the table of a finished dataset holds; the inverse of `facts_table`.
+
+    Args:
+        folder: The folder of the dataset.
+        first: The row of the table with the first labyrinth.
+        count: The number of labyrinths.
+    """
+    table = table_part(folder / TABLE, first, count)
+    facts = np.empty(count, FACTS)
+    for name in FACTS.names or ():
         values = table[name].to_pylist()
-        if name.endswith("_id"):  # What stands for null is -1.
-            digits = "".join(text or "f" * 16 for text in values)
-            facts[name] = np.frombuffer(bytes.fromhex(digits), ">i8")
+        if name.endswith("_id"):
+            facts[name] = _numbers(values)
         else:
             facts[name] = [NOTHING if value is None else value for value in values]
     return facts
+
+
+def _numbers(ids: Iterable[str | None]) -> NDArray[np.int64]:
+    """Return ids in hexadecimal digits as numbers, `NOTHING` in place of None."""
+    digits = "".join(text or "f" * 16 for text in ids)
+    return np.frombuffer(bytes.fromhex(digits), ">i8").astype(np.int64)
+
+
+def table_part(path: AnyPath, first: int, count: int) -> pa.Table:
+    """Return some rows of the table, reading the row groups that they are in."""
+    with opened_table(path) as file:
+        sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
+        ends = np.cumsum([0, *sizes])
+        begin, end = np.searchsorted(ends, first, "right") - 1, np.searchsorted(ends, first + count)
+        table = file.read_row_groups([*range(begin, end)], use_threads=False)
+    return table.slice(first - int(ends[begin]), count)
+
+
+@contextmanager
+def opened_table(path: AnyPath) -> Iterator[pq.ParquetFile]:
+    """Open a Parquet file, which may be in an object store, to be read without further threads.
+
+    A thread of Arrow that still holds a buffer of a Python file when the interpreter ends aborts
+    the process (https://github.com/apache/arrow/issues/34314).
+    """
+    import pyarrow.parquet as pq
+
+    with path.open("rb") as opened, pq.ParquetFile(opened, pre_buffer=False) as file:
+        yield file
 
 
 def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int) -> pa.Table:
