@@ -16,14 +16,13 @@ from __future__ import annotations
 
 import argparse
 import heapq
-import json
 import os
 import tempfile
 import time
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -32,11 +31,9 @@ from measuring import machine
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.storage import write_text
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build, plan
-from pipeline.generation.shards import ShardJob
-from pipeline.generation.tabulate import FACTS, facts_path
+from pipeline.generation.shards import ShardJob, leave, left
 from pipeline.release.canvas import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
@@ -112,17 +109,14 @@ class Copies:
     """The folder of the build that it was made in."""
 
     def __call__(self, job: ShardJob) -> Shard:
-        name = f"{job.split}-00000-of-00001"
-        made = Shard.from_json(json.loads((self.building / f"{name}.json").read_bytes()))
-        facts = np.frombuffer((self.building / f"{name}.facts").read_bytes(), FACTS)
+        path = self.building / "shards" / f"{job.split}-00000-of-00001.parquet"
+        _, made, facts = left(replace(job, path=path, building=self.building))
         facts = np.resize(facts, QUARTER * len(facts))
         shard = replace(made, path=job.path.name, labyrinths=len(facts))
         for ids in ("labyrinth_id", "structure_id"):
             facts[ids] = np.random.default_rng(job.first).integers(2**63, size=len(facts))
-        os.link(self.building / "shards" / made.path, str(job.path))
-        Path(str(facts_path(job.building, shard))).write_bytes(facts.tobytes())
-        write_text(job.sidecar, json.dumps(asdict(shard)))
-        return shard
+        os.link(path, str(job.path))
+        return leave(job, shard, facts)
 
 
 def measure(size: int, folder: Path) -> Measured:

@@ -176,7 +176,7 @@ def hashes(folder: Path) -> dict[str, str]:
 
 def finished_shards(run: Run) -> int:
     """Return how many shards a build has finished, as far as its folder tells."""
-    return len(list(run.data_dir.glob(".*.building/*-of-*.json")))
+    return len(list(run.data_dir.glob(".*.building/*.shard")))
 
 
 def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:

@@ -29,8 +29,15 @@ from pipeline.config.run import Run
 from pipeline.generation.candidates import CELLS_PER_CHUNK
 from pipeline.generation.plan import Plan, plan_shards
 from pipeline.generation.sample import check_capacity
-from pipeline.generation.shards import ShardJob, ShardThere, finished, make_shard, not_as_it_was
-from pipeline.generation.tabulate import read_facts, write_table
+from pipeline.generation.shards import (
+    ShardJob,
+    ShardThere,
+    finished,
+    left,
+    make_shard,
+    not_as_it_was,
+)
+from pipeline.generation.tabulate import write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
@@ -185,7 +192,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
     names = [shard.path for shard in damaged]
     if not has_table:
         names.append(TABLE)
-        _tabulate(manifest.config, workplace, run.folder, manifest.shards, manifest.labyrinths)
+        _tabulate(workplace, run.folder, jobs, manifest.labyrinths)
     say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(names)}.")
 
 
@@ -196,7 +203,7 @@ def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manif
         parts = workplace.parts
         shards = _joined(run, plan.jobs, parts) if parts else _made(run, plan.jobs)
         _check_shifts(run.dataset, shards)
-        labyrinths = _tabulate(run.dataset, workplace, workplace.shards, shards)
+        labyrinths = _tabulate(workplace, workplace.shards, plan.jobs)
         manifest = Manifest(run.dataset, build_versions(), shards, labyrinths, plan.format)
         workplace.commit(manifest)
     except ConfigError:  # There are too few labyrinths, so the shards are of no use.
@@ -265,27 +272,24 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
 
 
 def _tabulate(
-    config: DatasetConfig,
     workplace: Workplace,
     folder: AnyPath,
-    shards: Sequence[Shard],
+    jobs: Sequence[ShardJob],
     expected: TableFile | None = None,
 ) -> TableFile:
-    """Write the table of labyrinths, from what lies beside the shards' sidecars.
+    """Write the table of labyrinths, from what the sidecars of the shards hold.
 
     Args:
-        config: The configuration of the dataset.
-        workplace: Where it is built.
+        workplace: Where the dataset is built.
         folder: Where the table is to be.
-        shards: The shards, in their order.
+        jobs: The jobs of all shards, which are finished, in their order.
         expected: The table that has to be written, if it is known already.
 
     Raises:
         DatasetError: Another table comes out; it is not written.
     """
-    parts = ((shard, read_facts(workplace.building, shard)) for shard in shards)
     with new_file(folder / TABLE, workplace.building) as path:
-        written = write_table(path, config, parts)
+        written = write_table(path, jobs[0].config, (left(job)[1:] for job in jobs))
         if expected not in (None, written):
             raise DatasetError(not_as_it_was(folder / TABLE))
         return written

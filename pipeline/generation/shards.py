@@ -17,18 +17,20 @@ from functools import partial
 from itertools import islice
 from typing import TypeVar
 
+import numpy as np
+
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.splits import SHIFTS
-from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from pipeline.generation.candidates import Records
 from pipeline.generation.fingerprint import Row
 from pipeline.generation.render import render
 from pipeline.generation.solve import solve
-from pipeline.generation.tabulate import Facts, FactsOfShard, facts_path, read_facts, table_facts
+from pipeline.generation.tabulate import FACTS, Facts, FactsOfShard, table_facts
 from pipeline.generation.variants import labyrinth_and_parent
 from pipeline.generation.write import write
 from pipeline.machinery.dataset import build_versions
@@ -61,15 +63,14 @@ class ShardJob:
     structures: Records
     path: AnyPath
     building: AnyPath
-    """The folder of what is left beside it: a sidecar, which marks it as finished and describes it,
-    and its facts."""
+    """The folder of the file that is left beside it."""
     there: ShardThere | None = None
     """The shard of the same structures in the finished dataset, if it has one."""
 
     @property
     def sidecar(self) -> AnyPath:
-        """The file that marks the shard as finished, and describes it."""
-        return self.building / f"{self.path.name.removesuffix('.parquet')}.json"
+        """The file that marks the shard as finished, and describes it: see `leave`."""
+        return self.building / f"{self.path.name.removesuffix('.parquet')}.shard"
 
     @property
     def key(self) -> str:
@@ -93,10 +94,8 @@ def finished(job: ShardJob) -> Shard | None:
     Either an earlier run has made it, or the finished dataset has it.
     """
     with suppress(FileNotFoundError, *MALFORMED):
-        content = json.loads(job.sidecar.read_bytes())
-        shard = Shard.from_json(content["shard"])
-        read_facts(job.building, shard)
-        if content["key"] == job.key and file_sha256(job.path) == shard.sha256:
+        key, shard, _ = left(job)
+        if key == job.key and file_sha256(job.path) == shard.sha256:
             return shard
     there = job.there
     if there is not None and there.table_row is not None:
@@ -105,9 +104,8 @@ def finished(job: ShardJob) -> Shard | None:
                 with new_file(job.path, job.building) as path:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
-                return _leave(
-                    job, shard, table_facts(there.path.parent, there.table_row, shard.labyrinths)
-                )
+                facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
+                return leave(job, shard, facts)
     return None
 
 
@@ -152,14 +150,29 @@ def make_shard(job: ShardJob) -> Shard:
         if job.there is not None and job.there.shard.sha256 != shard.sha256:
             raise DatasetError(not_as_it_was(job.there.path))
     found = facts.array()
-    return _leave(job, replace(shard, cut=cut, labyrinths=len(found)), found)
+    return leave(job, replace(shard, cut=cut, labyrinths=len(found)), found)
 
 
-def _leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
-    """Mark a shard as finished, and return it."""
-    write_bytes(facts_path(job.building, shard), facts.tobytes())
-    write_text(job.sidecar, json.dumps({"key": job.key, "shard": asdict(shard)}))
+def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
+    """Mark a shard as finished by its sidecar: a line of JSON, and its facts as an array."""
+    line = json.dumps({"key": job.key, "shard": asdict(shard)})
+    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
     return shard
+
+
+def left(job: ShardJob) -> tuple[str, Shard, Facts]:
+    """Return what the sidecar of a job holds: the key of its job, its shard and the facts.
+
+    Raises:
+        FileNotFoundError: The shard is not finished.
+        MALFORMED: The file is damaged; any of these errors.
+    """
+    line, _, array = job.sidecar.read_bytes().partition(b"\n")
+    content, facts = json.loads(line), np.frombuffer(array, FACTS)
+    shard = Shard.from_json(content["shard"])
+    if len(facts) != shard.labyrinths:
+        raise ValueError(f"{job.sidecar} holds the facts of {len(facts)} labyrinths")
+    return content["key"], shard, facts
 
 
 def batched(items: Iterable[Item], count: int) -> Iterator[Item]:

@@ -1,7 +1,7 @@
 """The table of labyrinths: the facts of each shard, and the file that they are joined to.
 
-The facts of a shard are an array that lies beside its sidecar until all shards are there, so that
-a build that was stopped need not solve a labyrinth again.
+The facts of a shard are an array that lies in its sidecar until all shards are there, so that a
+build that was stopped need not solve a labyrinth again.
 """
 
 from __future__ import annotations
@@ -99,26 +99,6 @@ class FactsOfShard:
 
 def _turns(actions: NDArray[np.int8]) -> int:
     return sum(one != other for one, other in pairwise(bytes(actions)))
-
-
-def facts_path(building: AnyPath, shard: Shard) -> AnyPath:
-    """Return where the facts of a shard lie until the build is finished."""
-    return building / f"{shard.path.removesuffix('.parquet')}.facts"
-
-
-def read_facts(building: AnyPath, shard: Shard) -> Facts:
-    """Return the facts of a shard.
-
-    Raises:
-        FileNotFoundError: The file does not exist.
-        ValueError: It holds the facts of another number of labyrinths.
-    """
-    path = facts_path(building, shard)
-    facts: Facts = np.frombuffer(path.read_bytes(), FACTS)
-    if len(facts) != shard.labyrinths:
-        count = f"{len(facts)} labyrinths, not of {shard.labyrinths}"
-        raise ValueError(f"{path} holds the facts of {count}")
-    return facts
 
 
 def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:

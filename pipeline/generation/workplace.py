@@ -224,7 +224,7 @@ class Workplace:
 
     def abandon(self) -> bool:
         """Remove what a failed build left, unless there is more to come of it; return whether."""
-        finished = ("*-of-*.json", "*.chunk")
+        finished = ("*.shard", "*.chunk")
         if isinstance(self.folder, RemotePath) or self.parts is not None:
             return False
         if any(map(any, map(self.building.glob, finished))):

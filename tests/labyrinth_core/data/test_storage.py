@@ -296,7 +296,7 @@ def denied(part: str, times: int) -> Callable[[str, str], bool]:
 
 @pytest.mark.parametrize(
     ("part", "times"),
-    [("config.json", 0), (".parquet", 3), (".json", 4), (MANIFEST, 0)],
+    [("config.json", 0), (".parquet", 3), (".shard", 3), (MANIFEST, 0)],
 )
 def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_not_whole(
     build: Build, server: S3Server, bucket: str, small_dataset: Run, part: str, times: int
@@ -306,16 +306,16 @@ def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_n
         build(bucket)
     folder = folder_at(bucket) / "3x3"
     assert not (folder / MANIFEST).exists()
-    finished = {path.name for path in (folder.parent / ".3x3.building").glob("*-of-*.json")}
+    finished = {path.name for path in (folder.parent / ".3x3.building").glob("*.shard")}
     server.fault = lambda _method, _path: False
-    damaged = {TRAIN.replace(".parquet", ".json")} if part == MANIFEST else set()
+    damaged = {TRAIN.replace(".parquet", ".shard")} if part == MANIFEST else set()
     if damaged:
         write_bytes(folder / TRAIN, (folder / TRAIN).read_bytes()[:-1] + b"?")  # As long.
     server.requests.clear()
     run = build(bucket)
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
     uploads = [path.rpartition("/")[2] for method, path in server.requests if method == "PUT"]
-    made_again = {path.replace(".parquet", ".json") for path in uploads if ".parquet" in path}
+    made_again = {path.replace(".parquet", ".shard") for path in uploads if ".parquet" in path}
     assert made_again & finished == damaged
     manifest_at = uploads.index(MANIFEST)
     assert not any(".parquet" in path for path in uploads[manifest_at:])

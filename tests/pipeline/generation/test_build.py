@@ -362,7 +362,7 @@ def cut(path: Path) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("damage", [cut, Path.unlink])
-@pytest.mark.parametrize("file", ["shards/{}.parquet", "{}.json", "{}.facts"])
+@pytest.mark.parametrize("file", ["shards/{}.parquet", "{}.shard"])
 def test_a_damaged_shard_is_made_again_and_no_other(
     build: Build,
     stop_after: Callable[..., Path],

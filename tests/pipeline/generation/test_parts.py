@@ -70,7 +70,7 @@ def test_parts_that_are_missing_are_named_with_what_makes_them(
     )
     for part in (2, 3):
         build(tmp_path, **SHARDS, part=f"{part}/4")
-    next((tmp_path / ".4x4.building").glob("s0-00001-of-*.json")).unlink()
+    next((tmp_path / ".4x4.building").glob("s0-00001-of-*.shard")).unlink()
     with pytest.raises(
         DatasetError, match="1 of 18 shards missing, those of part 1/4; this command"
     ):

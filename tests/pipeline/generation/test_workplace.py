@@ -124,7 +124,7 @@ def test_a_crash_while_the_building_is_cleared_leaves_nothing_of_it_in_the_end(
         patch.setattr(Path, "unlink", crash_midway)
         with pytest.raises(CrashError):
             build(tmp_path)
-    assert list(tmp_path.glob(".3x3.building/*-of-*.json"))
+    assert list(tmp_path.glob(".3x3.building/*.shard"))
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)
 
