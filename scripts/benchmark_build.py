@@ -32,7 +32,7 @@ from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.config.run import RunConfig, resolve
 from pipeline.generation import build
-from pipeline.generation.render import Picture, Pictures
+from pipeline.generation.shard import Pictures
 
 
 class Scale(NamedTuple):
@@ -53,17 +53,17 @@ SCALES = {
 """Size -> how many labyrinths."""
 
 
-class PillowPictures(dict[State, Picture]):
-    """A substitute for `render.Pictures` that encodes all pixels with Pillow, default level."""
+class PillowPictures(dict[State, tuple[bytes, bytes]]):
+    """A substitute for `shard.Pictures` that encodes all pixels with Pillow, default level."""
 
     def __init__(self, labyrinth: Labyrinth) -> None:
         super().__init__()
         self._painter = Painter(labyrinth)
 
-    def __missing__(self, state: State) -> Picture:
+    def __missing__(self, state: State) -> tuple[bytes, bytes]:
         file = io.BytesIO()
         Image.fromarray(self._painter.array(state)).save(file, "PNG")
-        return Picture(file.getvalue(), bytes(16))
+        return file.getvalue(), bytes(16)
 
     def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
         """Return files and digests."""
@@ -75,7 +75,7 @@ def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
     """Build a dataset with cold caches; return the rows per second of CPU time."""
     forget()
     with (
-        patch("pipeline.generation.render.Pictures", pictures),
+        patch("pipeline.generation.shard.Pictures", pictures),
         tempfile.TemporaryDirectory() as folder,
         Path(os.devnull).open("w") as nowhere,
         redirect_stdout(nowhere),

@@ -32,8 +32,8 @@ from measuring import machine
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
 from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.generation import build, plan
-from pipeline.generation.shards import ShardJob, leave, left
+from pipeline.generation import build
+from pipeline.generation.shard import ShardJob, leave, left
 from pipeline.release.canvas import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
@@ -122,7 +122,7 @@ class Copies:
 def measure(size: int, folder: Path) -> Measured:
     """Return the CPU seconds of builds of a size, which are made in a folder."""
     of_shard = build.CELLS_PER_SHARD // size**2
-    make_shard, draw_chunk = build.make_shard, plan.draw_chunk
+    make_shard, draw_chunk = build.make_shard, build.draw_chunk
 
     def run_of(name: str, labyrinths: int, **options: Any) -> Run:
         where = {"data_dir": str(folder / name), "size": str(size), "labyrinths": labyrinths}
@@ -134,12 +134,12 @@ def measure(size: int, folder: Path) -> Measured:
     build.make_shard = made
     build.run(one)
     drawn = Timed(draw_chunk, folder / "chunks.log")
-    build.make_shard, plan.draw_chunk = stop, drawn
+    build.make_shard, build.draw_chunk = stop, drawn
     many = run_of("many", of_shard * SHARDS[size], workers=2)
     with suppress(DatasetError):
         build.run(many)
     build.make_shard = Copies(one.data_dir / f".{one.folder.name}.building")
-    plan.draw_chunk = draw_chunk
+    build.draw_chunk = draw_chunk
     begun = time.process_time()
     build.run(many)
     driver = time.process_time() - begun
@@ -157,12 +157,12 @@ def twice_as_fast(size: int, folder: Path) -> float:
     Two shards a split are built with one worker and with two. A build takes as long as its driver
     and the worker with most to do, if no other program is in the way.
     """
-    make_shard, draw_chunk, times = build.make_shard, plan.draw_chunk, []
+    make_shard, draw_chunk, times = build.make_shard, build.draw_chunk, []
     for workers in (1, 2):
         place = folder / f"{workers}-workers"
         place.mkdir()
         log = place / "calls.log"
-        build.make_shard, plan.draw_chunk = Timed(make_shard, log), Timed(draw_chunk, log)
+        build.make_shard, build.draw_chunk = Timed(make_shard, log), Timed(draw_chunk, log)
         begun = time.process_time()
         build.run(
             resolve(
@@ -178,7 +178,7 @@ def twice_as_fast(size: int, folder: Path) -> float:
         times.append(time.process_time() - begun)
         if workers > 1:
             times[-1] += Timed(make_shard, log).busiest()
-    build.make_shard, plan.draw_chunk = make_shard, draw_chunk
+    build.make_shard, build.draw_chunk = make_shard, draw_chunk
     return times[0] / times[1]
 
 

@@ -121,8 +121,8 @@ AT_ONCE_IN_THE_LIBRARY = {
 }
 """Room or module of the library -> what importing it may import; the rest waits in functions."""
 
-STEPS = [f"pipeline.generation.{step}" for step in ("sample", "solve", "render", "write")]
-"""The four steps; only `build` composes them."""
+STEPS = [f"pipeline.generation.{step}" for step in ("structures", "shard")]
+"""The two steps; only `build` composes them."""
 
 
 class Import(NamedTuple):
@@ -396,8 +396,8 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/env/environment", "import pygame"),
         ("labyrinth_core/policies/load", "import torch"),
         # Steps.
-        ("pipeline/generation/sample", "from pipeline.generation.solve import solve"),
-        ("pipeline/generation/write", "def f():\n    from .build import build"),
+        ("pipeline/generation/structures", "from pipeline.generation.shard import render"),
+        ("pipeline/generation/shard", "def f():\n    from .build import build"),
     ],
 )
 def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source):
@@ -418,7 +418,7 @@ def test_a_forbidden_import_is_found_wherever_it_hides(tmp_path, module, source)
             "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    from .window import Window",
         ),
         ("pipeline/training/train", "from labyrinth_core import evaluate"),
-        ("pipeline/generation/build", "from pipeline.generation import render, sample"),
+        ("pipeline/generation/build", "from pipeline.generation import shard, structures"),
         ("run", "from pipeline.__main__ import main"),
     ],
 )

@@ -42,7 +42,7 @@ from pipeline.config.training import (
 STAGES = {
     "build": "pipeline.generation.build",
     "questions": "pipeline.generation.questions",
-    "validate": "pipeline.generation.validate",
+    "validate": "pipeline.generation.check",
     "analyse": "pipeline.inspection.analyse",
     "card": "pipeline.release.card",
     "report": "pipeline.report.report",

@@ -4,32 +4,44 @@ Workers draw candidates in chunks. This process takes the structures of each spl
 their ids, and plans the shards. Workers make a shard each. At last the shards get their table and
 their manifest.
 
+A shard that is there already is not made again. So a build that was stopped goes on; parts are put
+together; and a finished dataset grows, or gets back what it has lost.
+
 A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
 In an object store, which cannot rename, shards are uploaded under their final names, and the
-manifest makes them a dataset. Either way each finished shard has a sidecar in `.NAME.building`,
-from which a build that was stopped goes on.
+manifest makes them a dataset.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, TableFile
+from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import (
+    FORMAT,
+    FORMAT_OF_CHUNKS,
+    MANIFEST,
+    Manifest,
+    Shard,
+    TableFile,
+)
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation.candidates import CELLS_PER_CHUNK
-from pipeline.generation.plan import Plan, plan_shards
-from pipeline.generation.sample import check_capacity
-from pipeline.generation.shards import (
+from pipeline.generation.candidates import CELLS_PER_CHUNK, Candidates, Chunk, Records, draw_chunk
+from pipeline.generation.shard import (
     ShardJob,
     ShardThere,
     finished,
@@ -37,7 +49,8 @@ from pipeline.generation.shards import (
     make_shard,
     not_as_it_was,
 )
-from pipeline.generation.tabulate import write_table
+from pipeline.generation.structures import check_capacity, sample
+from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
@@ -45,27 +58,22 @@ from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
-from pipeline.machinery.own_files import is_litter
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
 
+Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
+"""What `plan` returns, as a function of the dataset that grows."""
 
-def run(
-    run: Run,
-    *,
-    cells_per_shard: int = CELLS_PER_SHARD,
-    cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
-) -> None:
+
+def run(run: Run, **sizes: Any) -> None:
     """Build the dataset of a run, or a part of it, or what a finished one lacks.
 
     A finished dataset lacks what is damaged or missing, or the labyrinths and shifts to grow by.
 
     Args:
         run: The run.
-        cells_per_shard: The cells of all labyrinths in a shard; at least one labyrinth is in it.
-        cells_per_chunk: The cells of all candidates in the first chunk and in any other; at least
-            one candidate is in each.
+        sizes: As for `build`.
 
     Raises:
         ConfigError: There are fewer labyrinths than asked for.
@@ -73,13 +81,9 @@ def run(
             made again as it was.
         OSError: The folder cannot be written.
     """
-    if run.part is not None:
-        workplace = Workplace.of(run.folder)
-        _run_part(
-            run, workplace, partial(plan_shards, run, workplace, cells_per_shard, cells_per_chunk)
-        )
+    manifest = build(run, **sizes)
+    if manifest is None:
         return
-    manifest = build(run, cells_per_shard=cells_per_shard, cells_per_chunk=cells_per_chunk)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
     console.print(summary(manifest))
@@ -92,31 +96,42 @@ def build(
     *,
     cells_per_shard: int = CELLS_PER_SHARD,
     cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
-) -> Manifest:
-    """Make the whole dataset of a run as `run` does, print none of its options, and return it."""
+) -> Manifest | None:
+    """Do what `run` does but for the summary, and return the manifest; None for a part.
+
+    Args:
+        run: The run.
+        cells_per_shard: The cells of all labyrinths in a shard; at least one labyrinth is in it.
+        cells_per_chunk: The cells of all candidates in the first chunk and in any other; at least
+            one candidate is in each.
+    """
     workplace = Workplace.of(run.folder)
-    plan_of = partial(plan_shards, run, workplace, cells_per_shard, cells_per_chunk)
+    plan_of = partial(plan, run, workplace, cells_per_shard, cells_per_chunk)
     with held(run.data_dir, run.dataset.name):
         workplace.recover()
-        manifest = None if run.options.overwrite else _there(run)
-        if manifest is not None and manifest.config == run.dataset:
+        there = None if run.options.overwrite else _there(run)
+        if there is not None and there.config == run.dataset:
             try:
-                _mend(run, workplace, manifest, plan_of)
-            finally:
-                # Another run, with other options, may have been stopped here.
+                _mend(run, workplace, there, plan_of)
+            finally:  # Another run, with other options, may have been stopped here.
                 if workplace.is_for(run.dataset) or not workplace.has_begun:
                     workplace.clear()
-        else:
-            _check(run, workplace)
-            manifest = _build(run, workplace, partial(plan_of, shorter=manifest))
-    return manifest
-
-
-def _check(run: Run, workplace: Workplace) -> None:
-    """Raise an error if a build would be refused or fail in the end."""
-    check_capacity(run.dataset)
-    workplace.refuse_others_files()
-    front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
+            return there if run.part is None else None
+        check_capacity(run.dataset)
+        workplace.refuse_others_files()
+        front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
+        if run.part is None:
+            return _build(run, workplace, there, plan_of)
+        part, parts = run.part
+        workplace.prepare(run.dataset, parts=parts)
+    # Under a name of its own, since parts are made at the same time.
+    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
+        shards = _made(run, plan_of(there)[0][part % parts :: parts])
+    say(
+        f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
+        "parts are, the same command without part makes the dataset of them."
+    )
+    return None
 
 
 def _there(run: Run) -> Manifest | None:
@@ -127,13 +142,6 @@ def _there(run: Run) -> Manifest | None:
     """
     folder = run.folder
     if not (folder / MANIFEST).is_file():
-        unfinished = isinstance(folder, RemotePath) and Workplace(folder).has_begun
-        others = [] if unfinished or not folder.exists() else [*folder.iterdir()]
-        if not all(is_litter(path.name) for path in others):
-            raise DatasetError(
-                f"{folder} holds files but no finished dataset: move them, or choose another "
-                "data_dir"
-            )
         return None
     manifest = Manifest.read(folder)
     there, asked = manifest.config, run.dataset
@@ -169,8 +177,8 @@ def _what_refers_to(manifest: Manifest, run: Run) -> str:
     return f"{named}{more} of the dataset as it is would refer to one that is gone"
 
 
-def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[[], Plan]) -> None:
-    """Make the damaged and the missing shards of a finished dataset anew, and say which."""
+def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
+    """Make the damaged and the missing files of a finished dataset anew, and say which."""
     damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
     if not damaged and has_table:
         say(f"{run.folder} is complete already.")
@@ -183,7 +191,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
     workplace.begin(run.dataset)
     jobs = [
         replace(job, path=there.path, there=there)
-        for job in plan_of().jobs
+        for job in plan_of(None)[0]
         if (there := again.get(job.path.name))
     ]
     made = {shard.path for shard in _made(run, jobs)}
@@ -196,54 +204,128 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Callable[
     say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(names)}.")
 
 
-def _build(run: Run, workplace: Workplace, plan_of: Callable[[], Plan]) -> Manifest:
+def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Plan) -> Manifest:
+    """Build the whole dataset, of parts if there are any, and return its manifest."""
     try:
         workplace.prepare(run.dataset, overwrite=run.options.overwrite)
-        plan = plan_of()
+        jobs, form = plan_of(shorter)
         parts = workplace.parts
-        shards = _joined(run, plan.jobs, parts) if parts else _made(run, plan.jobs)
+        shards = _joined(run, jobs, parts) if parts else _made(run, jobs)
         _check_shifts(run.dataset, shards)
-        labyrinths = _tabulate(workplace, workplace.shards, plan.jobs)
-        manifest = Manifest(run.dataset, build_versions(), shards, labyrinths, plan.format)
+        labyrinths = _tabulate(workplace, workplace.shards, jobs)
+        manifest = Manifest(run.dataset, build_versions(), shards, labyrinths, form)
         workplace.commit(manifest)
     except ConfigError:  # There are too few labyrinths, so the shards are of no use.
         workplace.clear()
         raise
     except OSError as error:
-        if not workplace.abandon():
-            building = workplace.building
-            reason = f"{error}; finished shards are kept in {building} for the next run"
-            raise DatasetError(reason) from error
-        raise
+        if workplace.abandon():
+            raise
+        kept = f"finished shards are kept in {workplace.building} for the next run"
+        raise DatasetError(f"{error}; {kept}") from error
     except BaseException:
         workplace.abandon()
         raise
     return manifest
 
 
+def plan(
+    run: Run,
+    workplace: Workplace,
+    cells_per_shard: int,
+    cells_per_chunk: tuple[int, int],
+    shorter: Manifest | None,
+) -> tuple[list[ShardJob], int]:
+    """Return the shards to make, in the order of the manifest, and the format of the manifest.
+
+    Workers draw the candidates if there are many.
+
+    Args:
+        run: The run.
+        workplace: Where it builds.
+        cells_per_shard: As for `build`.
+        cells_per_chunk: As for `build`.
+        shorter: The dataset of the same folder that grows, if one does.
+
+    Raises:
+        ConfigError: There are fewer labyrinths than asked for.
+        DatasetError: A dataset cannot grow.
+    """
+    config, building = run.dataset, workplace.building
+
+    def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
+        jobs = [(chunk, building) for chunk in chunks]
+        if run.part is not None:  # Each begins with its own, and draws what others have not.
+            part, parts = run.part
+            own = len(jobs) * (part - 1) // parts
+            jobs = jobs[own:] + jobs[:own]
+        drawn = ordered_map(draw_chunk, jobs, run.options.workers)
+        for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
+            pass
+        return (chunk.read(building) for chunk in chunks)
+
+    candidates = Candidates(config, draw, cells=cells_per_chunk)
+    sampled = sample(config, candidates)
+    size = max(1, cells_per_shard // (config.height * config.width))
+    shards = -(-config.labyrinths // size)
+    there = {} if shorter is None else _shards_there(run.folder, shorter, sampled.structures)
+    jobs = []
+    for split in config.splits:
+        of_split = sampled.structures[SPLITS[split].parent or split]
+        for first in range(0, config.labyrinths, size):
+            structures = of_split[first : first + size]
+            name = f"{split}-{first // size:05d}-of-{shards:05d}.parquet"
+            found = there.get((split, structures["id"].tobytes()))
+            path = workplace.shards / name
+            jobs.append(ShardJob(config, split, first, structures, path, building, found))
+    if shorter is not None:
+        stay = sum(job.there is not None for job in jobs)
+        say(f"{run.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
+    in_one_chunk = sampled.candidates <= candidates.first.size
+    return jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
+
+
+def _shards_there(
+    folder: AnyPath, shorter: Manifest, structures: Mapping[str, Records]
+) -> dict[tuple[str, bytes], ShardThere]:
+    """Return the shards of the dataset that grows, by their split and the ids of their structures.
+
+    The structures of a split with a parent are those of the parent. If the dataset was built with
+    other versions of libraries, no shard is as it would be made now.
+
+    Args:
+        folder: The folder of the shorter dataset.
+        shorter: Its manifest.
+        structures: The structures of the longer one, for each split that has its own.
+
+    Raises:
+        DatasetError: The longer one would not have all labyrinths of the shorter one; or the table
+            of the shorter one is missing or damaged.
+    """
+    ids, row = structures_in(folder, shorter), 0
+    there: dict[tuple[str, bytes], ShardThere] = {}
+    of_shards: dict[str, list[NDArray[np.int64]]] = {}
+    for split in shorter.config.splits:
+        own, begin = of_shards.setdefault(split, []), row
+        for shard in shorter.of(split):
+            own.append(ids[row : row + shard.labyrinths])
+            its = of_shards[SPLITS[split].parent or split][len(own) - 1]
+            there[split, its.tobytes()] = ShardThere(folder / shard.path, shard, row)
+            row += shard.labyrinths
+        if SPLITS[split].parent is None:
+            longer = structures[split]["id"]
+            if not np.array_equal(ids[begin:row], longer[: row - begin]):
+                raise DatasetError(
+                    f"{folder} holds labyrinths that are not in the dataset with more labyrinths "
+                    "or shifts: choose another data_dir, or give overwrite=true"
+                )
+    return there if dict(shorter.versions) == build_versions() else {}
+
+
 def _made(run: Run, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
     made = ordered_map(make_shard, jobs, run.options.workers)
     total = sum(len(job.structures) for job in jobs)
     return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
-
-
-def _run_part(run: Run, workplace: Workplace, plan_of: Callable[..., Plan]) -> None:
-    """Make the shards of a part: those whose numbers leave its number on division by all parts."""
-    part, parts = run.part or (1, 1)
-    with held(run.data_dir, run.dataset.name):
-        manifest = None if run.options.overwrite else _there(run)
-        if manifest is not None and manifest.config == run.dataset:
-            say(f"{run.folder} is complete already.")
-            return
-        _check(run, workplace)
-        workplace.prepare(run.dataset, parts=parts)
-    # Under a name of its own, since parts are made at the same time.
-    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
-        shards = _made(run, plan_of(shorter=manifest).jobs[part % parts :: parts])
-    say(
-        f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
-        "parts are, the same command without part makes the dataset of them."
-    )
 
 
 def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
@@ -283,10 +365,8 @@ def _tabulate(
         workplace: Where the dataset is built.
         folder: Where the table is to be.
         jobs: The jobs of all shards, which are finished, in their order.
-        expected: The table that has to be written, if it is known already.
-
-    Raises:
-        DatasetError: Another table comes out; it is not written.
+        expected: The table that has to be written, if it is known already; else DatasetError is
+            raised, and nothing is written.
     """
     with new_file(folder / TABLE, workplace.building) as path:
         written = write_table(path, jobs[0].config, (left(job)[1:] for job in jobs))

@@ -23,7 +23,7 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
-from pipeline.generation.variants import DRAWING, holds_task
+from pipeline.generation.labyrinths import DRAWING, holds_task
 
 CELLS_PER_CHUNK = 1_638_400, 204_800
 """The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""

@@ -23,11 +23,10 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from pipeline.generation.fingerprint import Row
+from pipeline.generation.labyrinths import Solution, labyrinth_and_parent, solve
 from pipeline.generation.rules import labyrinth_problems, route_problems
+from pipeline.generation.shard import Row
 from pipeline.generation.shifts import Train
-from pipeline.generation.solve import Solution, solve
-from pipeline.generation.variants import labyrinth_and_parent
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -23,8 +23,8 @@ from labyrinth_core.evaluation.questions import (
     questions_config,
 )
 from pipeline.config.run import Run
+from pipeline.generation.table import arrow_schema
 from pipeline.generation.workplace import Workplace
-from pipeline.generation.write import arrow_schema, read_schema
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked

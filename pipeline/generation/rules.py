@@ -11,9 +11,8 @@ from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
 from labyrinth_core.world.tasks import manhattan, tiles_matter
+from pipeline.generation.labyrinths import Solution, twin_problem
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
-from pipeline.generation.solve import Solution
-from pipeline.generation.variants import twin_problem
 
 
 def labyrinth_problems(

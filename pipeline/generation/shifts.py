@@ -23,7 +23,7 @@ from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthErro
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.generation.variants import (
+from pipeline.generation.labyrinths import (
     TASKS_WITHOUT_TILES,
     labyrinth_of,
     start_and_goal,

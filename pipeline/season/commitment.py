@@ -201,5 +201,6 @@ def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
     """
     with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.
         options = replace(run.options, overwrite=False)
-        data_dir = Path(folder)
-        yield data_dir, build(replace(run, options=options, dataset=config, data_dir=data_dir))
+        its = replace(run, options=options, dataset=config, data_dir=Path(folder))
+        build(its)
+        yield its.data_dir, Manifest.read(its.folder)

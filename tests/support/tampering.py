@@ -24,9 +24,9 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.generation.fingerprint import Fingerprint, Row
-from pipeline.generation.validate import validate
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.check import validate
+from pipeline.generation.shard import Fingerprint, Row
+from pipeline.generation.table import arrow_schema
 
 Rows = list[dict[str, Any]]
 

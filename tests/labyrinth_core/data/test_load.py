@@ -29,7 +29,7 @@ from labyrinth_core.pictures.png import encode
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.solver import shortest_routes
 from labyrinth_core.world.tasks import sample_labyrinth
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.table import arrow_schema
 
 CONFIGS = "3x3", "4x4-key_and_door"
 

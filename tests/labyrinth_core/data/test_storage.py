@@ -31,7 +31,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
-from pipeline.generation import validate as validation
+from pipeline.generation import check as validation
 from pipeline.machinery.folders import new_file
 from pipeline.release import card
 

@@ -18,24 +18,21 @@ from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from interrupting import CrashError, before_each_shard
 from PIL import Image
-from tampering import Rows, content_of, episode_starts, identities, manifest_of, read_rows
+from tampering import Rows, content_of, episode_starts, identities, read_rows
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation import render, workplace, write
-from pipeline.generation.candidates import unpack
-from pipeline.generation.sample import sample
-from pipeline.generation.solve import solve
-from pipeline.generation.validate import validate
-from pipeline.generation.variants import labyrinth_of
-from pipeline.generation.write import arrow_schema
+from pipeline.generation import shard as making
+from pipeline.generation import workplace
+from pipeline.generation.check import validate
+from pipeline.generation.table import arrow_schema
 from pipeline.inspection.statistics import count_dataset
 from pipeline.machinery.dataset import build_versions
 
@@ -113,7 +110,7 @@ class OtherMosaic(Mosaic):
 def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_path: Path) -> None:
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(render, "Mosaic", OtherMosaic)
+        patch.setattr(making, "Mosaic", OtherMosaic)
         versions = build_versions() | {"png": "Pillow, deflate level 1"}
         patch.setattr(generation, "build_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
@@ -177,27 +174,16 @@ def test_a_shard_ends_with_a_labyrinth(build: Callable[..., Run], tmp_path: Path
 
 @pytest.mark.slow
 def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like_any_other(
-    tmp_path: Path, small_dataset: Run
+    build: Build, tmp_path: Path, small_dataset: Run
 ) -> None:
-    folder, config = tmp_path / "3x3", small_dataset.dataset
-    shutil.copytree(small_dataset.folder, folder)
-    whole = Manifest.read(small_dataset.folder)
-    (shard,) = whole.of("random")
-    train = unpack(config, sample(config).structures["train"])
-    labyrinths = [labyrinth_of(config, "random", each) for each in train]
-    parts = (
-        part
-        for n, each in enumerate(labyrinths)
-        for part in render.render(
-            "random", n, dump(each), solve(config, "random", each).episodes, at_once=3
-        )
-    )
-    written = write.write(folder / shard.path, "random", parts, group_bytes=20_000)
-    divided = replace(written, labyrinths=shard.labyrinths)
-    assert replace(divided, bytes=shard.bytes, sha256=shard.sha256) == shard
-    with manifest_of(folder) as content:
-        place = whole.shards.index(shard)
-        content["shards"][place] |= {"bytes": written.bytes, "sha256": written.sha256}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(making, "DRAWN_AT_ONCE", 3)
+        patch.setattr(making, "GROUP_BYTES", 20_000)
+        folder = build(tmp_path).folder
+    whole, divided = Manifest.read(small_dataset.folder), Manifest.read(folder)
+    for one, other in zip(whole.shards, divided.shards, strict=True):
+        assert replace(other, bytes=one.bytes, sha256=one.sha256) == one
+    (shard,) = divided.of("random")
     with pq.ParquetFile(folder / shard.path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
         for n in range(file.num_row_groups):
@@ -206,7 +192,7 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     assert shard.longest == 100
     assert max(sizes) < 20
     assert rows_by_split(folder) == rows_by_split(small_dataset.folder)
-    assert validate(folder, Manifest.read(folder)) == []
+    assert validate(folder, divided) == []
     found = [count_dataset(each, Manifest.read(each)) for each in (folder, small_dataset.folder)]
     assert str(found[0].splits) == str(found[1].splits)
     data_dirs = (tmp_path, small_dataset.data_dir)
@@ -393,7 +379,7 @@ def test_what_another_configuration_or_version_left_is_discarded(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         if versions:
-            patch.setattr(render, "Mosaic", OtherMosaic)
+            patch.setattr(making, "Mosaic", OtherMosaic)
             patch.setattr(workplace, "build_versions", lambda: versions)
         stop_after(tmp_path, 3, **{} if versions else {"random_steps": 99})
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
@@ -424,7 +410,7 @@ def test_overwrite_replaces_a_dataset_once_the_new_one_is_finished(
 def test_files_that_are_no_dataset_stop_the_build(build: Build, tmp_path: Path) -> None:
     (tmp_path / "3x3").mkdir()
     (tmp_path / "3x3" / "thesis.txt").write_text("years of work")
-    with pytest.raises(DatasetError, match="holds files but no finished dataset"):
+    with pytest.raises(DatasetError, match=r"3x3 holds thesis\.txt, which would be lost"):
         build(tmp_path)
     assert (tmp_path / "3x3" / "thesis.txt").read_text() == "years of work"
 

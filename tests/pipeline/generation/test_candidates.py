@@ -23,8 +23,8 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.run import Run
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
-from pipeline.generation.sample import sample
-from pipeline.generation.validate import validate
+from pipeline.generation.check import validate
+from pipeline.generation.structures import sample
 
 Build = Callable[..., Run]
 

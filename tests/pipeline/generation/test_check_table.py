@@ -20,7 +20,7 @@ from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import TABLE, Manifest, table_file
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
-from pipeline.generation.write import arrow_schema
+from pipeline.generation.table import arrow_schema
 
 pytestmark = pytest.mark.slow
 

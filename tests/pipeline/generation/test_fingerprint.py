@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from pipeline.generation.fingerprint import Fingerprint, Row
+from pipeline.generation.shard import Fingerprint, Row
 
 rows = st.builds(
     Row,

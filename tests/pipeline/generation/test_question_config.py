@@ -22,7 +22,7 @@ from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
-from pipeline.generation import questions, validate
+from pipeline.generation import check, questions
 from pipeline.inspection import front_matter
 from pipeline.release import card
 from pipeline.release.verify import check_config
@@ -83,7 +83,7 @@ def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied
 
 
 def test_the_questions_are_validated(copied, capsys):
-    validate.run(copied)
+    check.run(copied)
     assert "16 questions" in capsys.readouterr().out
     folder = copied.data_dir / f"{NAME}-questions"
     rows = pq.read_table(folder / TEST)
@@ -91,7 +91,7 @@ def test_the_questions_are_validated(copied, capsys):
     changed[2]["answer"], changed[3]["moves"] = "up", 1
     pq.write_table(pa.Table.from_pylist(changed, rows.schema), folder / TEST)
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
-        validate.run(copied)
+        check.run(copied)
     manifest = Manifest.read(folder)
     shards = [
         replace(shard, sha256=file_sha256(folder / TEST)) if shard.path == TEST else shard
@@ -99,7 +99,7 @@ def test_the_questions_are_validated(copied, capsys):
     ]
     replace(manifest, shards=tuple(shards)).write(folder)
     with pytest.raises(DatasetError) as error:
-        validate.run(copied)
+        check.run(copied)
     found = f"{error.value}".splitlines()[1:]
     assert [line.split(TEST)[1] for line in found] == [
         " row 2 answer: not what the labyrinth gives",

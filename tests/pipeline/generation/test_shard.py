@@ -10,8 +10,8 @@ import pytest
 
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
-from pipeline.generation import shards
-from pipeline.generation.shards import ShardJob, finished
+from pipeline.generation import shard as making
+from pipeline.generation.shard import ShardJob, finished
 
 Build = Callable[..., Run]
 
@@ -53,7 +53,7 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
     job: ShardJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(shards, "build_versions", lambda: {"png": "another"})
+        patch.setattr(making, "build_versions", lambda: {"png": "another"})
         assert finished(job) is None
     assert isinstance(job.path, Path)
     job.path.write_bytes(job.path.read_bytes()[:-1])

@@ -24,9 +24,9 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.generation.sample import sample
+from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
-from pipeline.generation.variants import toggled, walls
+from pipeline.generation.structures import sample
 from pipeline.inspection.statistics import count_dataset
 from pipeline.machinery import console
 

@@ -26,7 +26,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
-from pipeline.generation.validate import validate
+from pipeline.generation.check import validate
 from pipeline.machinery import executor
 from pipeline.machinery.executor import cluster, ordered_map
 

@@ -6,7 +6,8 @@ build that was stopped need not solve a labyrinth again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import json
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE, TABLE_COLUMNS, table_file
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
@@ -22,8 +24,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import count_optimal
-from pipeline.generation.solve import Solution
-from pipeline.generation.write import arrow_schema, value_array
+from pipeline.generation.labyrinths import Solution
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -51,12 +52,14 @@ GROUP_ROWS = 100_000
 Facts = NDArray[np.void]
 
 
-class FactsOfShard:
-    """The facts of the labyrinths of a shard, collected in their order."""
+class Content:
+    """The content of a shard, labyrinth by labyrinth."""
 
-    def __init__(self, split: str) -> None:
-        self._demonstrated = split != "random"
+    def __init__(self, config: DatasetConfig, split: str) -> None:
+        self._config, self._split = config, split
         self._rows: list[tuple[int, ...]] = []
+        self.counts = dict.fromkeys(("labyrinths", "episodes", "rows", "longest", "cut"), 0)
+        """What the manifest says of the shard, see `Shard`."""
 
     def add(self, info: str, solution: Solution, parent: Labyrinth | None) -> None:
         """Add a labyrinth.
@@ -67,6 +70,7 @@ class FactsOfShard:
             parent: The labyrinth that it was made from, None if it has no parent.
         """
         labyrinth, structure = solution.labyrinth, solution.labyrinth.structure
+        demonstrated = self._split != "random"
         moves, optimal_routes = solution.shortest
         routes = [episode.actions for episode in solution.episodes]
         own_id = int(labyrinth_id(info), 16)
@@ -74,7 +78,13 @@ class FactsOfShard:
         if parent is not None and parent != labyrinth:
             parent_id = int(labyrinth_id(parent), 16)
         steps = sum(map(len, routes))
-        is_shortest = self._demonstrated and steps == moves * len(routes)
+        is_shortest = demonstrated and steps == moves * len(routes)
+        counts = self.counts
+        counts["labyrinths"] += 1
+        counts["episodes"] += len(routes)
+        counts["rows"] += steps + len(routes)  # A row for each state.
+        counts["longest"] = max(counts["longest"], *map(len, routes))
+        counts["cut"] += self._config.is_cut(self._split, len(routes))
         self._rows.append(
             (
                 own_id,
@@ -84,15 +94,15 @@ class FactsOfShard:
                 labyrinth.start,
                 labyrinth.goal,
                 moves,
-                _turns(routes[0]) if self._demonstrated else NOTHING,
+                _turns(routes[0]) if demonstrated else NOTHING,
                 len(routes),
-                steps + len(routes),  # A row for each state.
+                steps + len(routes),
                 steps if is_shortest else count_optimal(labyrinth, routes),
                 *(structure.loops, structure.junctions, structure.dead_ends),
             )
         )
 
-    def array(self) -> Facts:
+    def facts(self) -> Facts:
         """Return the facts, one item for each labyrinth."""
         return np.array(self._rows, FACTS)
 
@@ -197,8 +207,6 @@ def write_table(
     path: Path,
     config: DatasetConfig,
     parts: Iterable[tuple[Shard, Facts]],
-    *,
-    group_rows: int = GROUP_ROWS,
 ) -> TableFile:
     """Write the table, a part at a time, and return what was written.
 
@@ -206,7 +214,6 @@ def write_table(
         path: The file.
         config: The configuration of the dataset.
         parts: The shards in the order of splits and rows, each with its facts.
-        group_rows: The least number of rows in a row group, but for the last.
 
     Raises:
         OSError: The file cannot be written, say because the disk is full.
@@ -220,14 +227,12 @@ def write_table(
         path, schema, compression="zstd", use_dictionary=words, store_schema=False
     ) as writer:
         writer.add_key_value_metadata(schema.metadata)
-        for group in _groups(config, parts, group_rows):
+        for group in _groups(config, parts):
             writer.write_table(group)
     return TableFile(path.stat().st_size, file_sha256(path))
 
 
-def _groups(
-    config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]], group_rows: int
-) -> Iterator[pa.Table]:
+def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:
     """Yield the rows of the table, those of several small shards together."""
     import pyarrow as pa
 
@@ -237,8 +242,49 @@ def _groups(
         row = first_row.setdefault(shard.split, 0)
         group.append(facts_table(config, shard.split, facts, row))
         first_row[shard.split] = row + shard.rows
-        if sum(part.num_rows for part in group) >= group_rows:
+        if sum(part.num_rows for part in group) >= GROUP_ROWS:
             yield pa.concat_tables(group)
             group = []
     if group:
         yield pa.concat_tables(group)
+
+
+def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
+    """Return the Arrow schema of files, with the metadata in which `datasets` keeps features.
+
+    It is written out, since importing `datasets` takes longer than building a small dataset.
+    """
+    import pyarrow as pa
+
+    types = {
+        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
+        "ClassLabel": pa.int64(),
+        "List": pa.list_(pa.string()),
+        "string": pa.string(),
+        "bool": pa.bool_(),
+        "float32": pa.float32(),
+        "int32": pa.int32(),
+        "int64": pa.int64(),
+    }
+    features = {"info": {"features": {column.name: column.feature for column in columns}}}
+    return pa.schema(
+        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
+        metadata={"huggingface": json.dumps(features)},
+    )
+
+
+# `pa.array` would import pandas, 60 MB. A build of 100 labyrinths at 5x5 would take 25% longer, one
+# of 400 labyrinths 18% (run.py, CPU time of the process).
+
+
+def text_array(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:
+    """Return texts or bytes as an array."""
+    ends = np.cumsum([0, *map(len, values)], dtype=np.int32)
+    return value_array(type_, len(values), ends, b"".join(values))
+
+
+def value_array(type_: pa.DataType, count: int, *content: NDArray[Any] | bytes) -> pa.Array:
+    """Return an array of `count` values without nulls, from the buffers that Arrow would have."""
+    import pyarrow as pa
+
+    return pa.Array.from_buffers(type_, count, [None, *map(pa.py_buffer, content)])

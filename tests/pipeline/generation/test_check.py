@@ -32,7 +32,7 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.run import Run
-from pipeline.generation import validate as validation
+from pipeline.generation import check as validation
 
 Build = Callable[..., Run]
 Change = Callable[[Rows, Path], str]

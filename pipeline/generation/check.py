@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard
-from labyrinth_core.data.rows import footer_problem, open_shard
+from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
+from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.rows import footer_problem, open_shard, read_schema
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import questions_config
@@ -33,13 +34,17 @@ from pipeline.generation.check_rows import (
     made_again,
     rows_of,
 )
-from pipeline.generation.check_table import table_file_problems, table_problems
-from pipeline.generation.fingerprint import Fingerprint, Row
 from pipeline.generation.questions import question_problems
-from pipeline.generation.render import render
+from pipeline.generation.shard import Fingerprint, Row, no_garbage_collection, render
 from pipeline.generation.shifts import Train, selected_shifts, train_of
-from pipeline.generation.tabulate import FactsOfShard
-from pipeline.generation.write import arrow_schema, no_garbage_collection, read_schema
+from pipeline.generation.table import (
+    Content,
+    Facts,
+    arrow_schema,
+    facts_table,
+    opened_table,
+    table_part,
+)
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
 from pipeline.machinery.console import say, tracked
@@ -145,10 +150,8 @@ def check_shard(job: CheckJob) -> ShardReport:
 
 def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
     """Compare the rows of a file with those that are made again, and with its manifest."""
-    config, shard, fingerprint = job.config, job.shard, Fingerprint()
-    facts, structures = FactsOfShard(shard.split), list[tuple[int, int]]()
-    problems, unreadable = list[Problem](), list[str]()
-    longest = cut = 0
+    shard, content, fingerprint = job.shard, Content(job.config, job.shard.split), Fingerprint()
+    problems, unreadable, begins = list[Problem](), list[str](), list[int]()
 
     def noted(part: list[Row]) -> list[Row]:
         fingerprint.update(part)
@@ -156,13 +159,11 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
 
     try:
         for found, right in made_again(job, labyrinths_of(rows_of(file, problems)), problems):
-            solution, episodes = right.solution, right.solution.episodes
-            parts = map(noted, render(shard.split, right.number, right.info, episodes))
+            solution = right.solution
+            parts = map(noted, render(shard.split, right.number, right.info, solution.episodes))
             problems += differences(job, found, right, chain.from_iterable(parts))
-            structures.append((int(solution.labyrinth.structure.structure_id, 16), found.first))
-            facts.add(right.info, solution, right.parent)
-            longest = max(longest, *map(len, episodes))
-            cut += config.is_cut(shard.split, len(episodes))
+            content.add(right.info, solution, right.parent)
+            begins.append(found.first)
     except DatasetError as error:
         assert job.parent is not None
         why = f"{job.parent.path}, which cannot be read: {one_line(error)}"
@@ -170,16 +171,13 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
     lines = [f"{shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += unreadable
     known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
-    array = facts.array()
     if not lines:  # What else the manifest says of rows that are wrong is not known.
-        rows, episodes_there = (int(array[name].sum()) for name in ("rows", "episodes"))
-        known |= {"rows": rows, "longest": longest, "cut": cut, "episodes": episodes_there}
-        known |= {"labyrinths": len(array), "fingerprint": fingerprint.hexdigest()}
+        known |= content.counts | {"fingerprint": fingerprint.hexdigest()}
     lines += _otherwise(shard, known)
+    facts = content.facts()
     if job.table_row is not None and not lines:
-        table = job.table_row, job.first_row
-        lines += table_problems(job.folder, config, shard.split, array, *table)
-    return ShardReport(shard, lines, np.array(structures, np.int64).reshape(-1, 2))
+        lines += table_problems(job, facts, job.table_row)
+    return ShardReport(shard, lines, np.column_stack([facts["structure_id"], begins]))
 
 
 def _otherwise(shard: Shard, known: Mapping[str, int | str]) -> Iterator[str]:
@@ -271,3 +269,55 @@ def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
         here, there = shard_of(index), shard_of(first)
         also = f"row {rows[first]}" if there == here else f"{there} row {rows[first]}"
         yield f"{here} row {rows[index]} info: the structure is also in {also}"
+
+
+def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
+    """Return what is wrong with the file as a whole, and whether its rows can be compared."""
+    import pyarrow as pa
+
+    path = folder / TABLE
+    try:
+        problems = []
+        digest, expected = file_sha256(path), manifest.table.sha256
+        if digest != expected:
+            problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
+        with opened_table(path) as file:
+            rows, schema = file.metadata.num_rows, file.schema_arrow
+    except FileNotFoundError:
+        return [f"{TABLE} is missing"], False
+    except (OSError, pa.ArrowException) as error:
+        return [f"{TABLE} cannot be read: {one_line(error)}"], False
+    expected_rows = sum(shard.labyrinths for shard in manifest.shards)
+    if not schema.equals(arrow_schema(TABLE_COLUMNS), check_metadata=False):
+        problems.append(f"{TABLE}: its columns are not those of a table of labyrinths")
+    elif rows != expected_rows:
+        problems.append(f"{TABLE}: {rows} rows, but the manifest has {expected_rows} labyrinths")
+    else:
+        return problems, True
+    return problems, False
+
+
+def table_problems(job: CheckJob, facts: Facts, first: int) -> Iterator[str]:
+    """Yield the columns of a part of the table that are not what the rows of a shard give.
+
+    Each is named once, with the first row in which it is wrong.
+
+    Args:
+        job: The job of the shard.
+        facts: What the rows of the shard say.
+        first: The row of the table with the first labyrinth of the shard.
+    """
+    import pyarrow as pa
+
+    try:
+        found = table_part(job.folder / TABLE, first, len(facts))
+    except (OSError, ValueError, pa.ArrowException) as error:
+        yield f"{TABLE} cannot be read: {one_line(error)}"
+        return
+    expected = facts_table(job.config, job.shard.split, facts, job.first_row)
+    for name in expected.column_names:
+        pairs = zip(found[name].to_pylist(), expected[name].to_pylist(), strict=True)
+        for row, (value, right) in enumerate(pairs, first):
+            if value != right:
+                yield f"{TABLE} row {row} {name}: {value!r:.99}, but the shard gives {right!r}"
+                break

@@ -26,9 +26,10 @@ from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack
-from pipeline.generation.sample import check_capacity, sample
-from pipeline.generation.variants import item_rng
+from pipeline.generation.labyrinths import item_rng
+from pipeline.generation.structures import check_capacity, sample
 
 MakeRun = Callable[..., Run]
 
@@ -191,11 +192,16 @@ def test_the_capacity_for_a_task_is_what_can_be_sampled(
     ids=str,
 )
 def test_more_labyrinths_than_there_are_or_can_be_found_are_refused(
-    config_of: Callable[..., DatasetConfig], options: dict[str, Any], words: str
+    config_of: Callable[..., DatasetConfig],
+    options: dict[str, Any],
+    words: str,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    monkeypatch.setattr(generation, "PATIENCE", 500)
+
     def drawn(config: DatasetConfig) -> None:
         check_capacity(config)
-        sample(config, patience=500)
+        sample(config)
 
     with pytest.raises(ConfigError, match=words):
         drawn(config_of(**options))

@@ -32,9 +32,8 @@ from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.config.run import Run
-from pipeline.generation import tabulate
-from pipeline.generation.solve import Solution
-from pipeline.generation.tabulate import MOST_ROUTES
+from pipeline.generation import table
+from pipeline.generation.labyrinths import Solution
 
 pytestmark = pytest.mark.slow
 
@@ -115,30 +114,32 @@ def test_every_row_is_what_the_shards_say(datasets: Path, config: str) -> None:
     assert [*found[0]] == [column.name for column in TABLE_COLUMNS]
 
 
-def test_routes_more_than_fit_are_as_many_as_fit() -> None:
+def test_routes_more_than_fit_are_as_many_as_fit(small_dataset: Run) -> None:
     labyrinth = Labyrinth(Structure.without_walls(40, 40), 0, 1599)
     moves, routes = moves_and_routes(labyrinth)
     assert (moves, routes) == (78, comb(78, 39))
-    facts = tabulate.FactsOfShard("train")
+    content = table.Content(small_dataset.dataset, "train")
     episode = replay(labyrinth, [0] * 39 + [1] * 39)
-    facts.add(dump(labyrinth), Solution([episode], (moves, routes)), None)
-    (fact,) = facts.array()
+    content.add(dump(labyrinth), Solution([episode], (moves, routes)), None)
+    (fact,) = content.facts()
     assert fact["optimal_routes"] == MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
 
 
 def test_shards_and_row_groups_may_end_anywhere(
-    build: Build, tmp_path: Path, small_dataset: Run
+    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     folder = build(tmp_path, cells_per_shard=3 * 9).folder
     assert table_of(folder) == table_of(small_dataset.folder)
     manifest = Manifest.read(folder)
-    facts = tabulate.FactsOfShard("train")
-    for info in dict.fromkeys(row["info"] for row in read_rows(folder / manifest.shards[0].path)):
-        facts.add(info, Solution([replay(parse(info), [0, 0, 1, 1])], (4, 1)), None)
-    parts = [(shard, facts.array()[: shard.labyrinths]) for shard in manifest.shards]
+    parts, first = [], 0
+    for shard in manifest.shards:
+        parts.append((shard, table.table_facts(folder, first, shard.labyrinths)))
+        first += shard.labyrinths
     path = tmp_path / "table.parquet"
-    tabulate.write_table(path, manifest.config, parts, group_rows=5)
+    monkeypatch.setattr(table, "GROUP_ROWS", 5)
+    table.write_table(path, manifest.config, parts)
+    assert pq.read_table(path).equals(pq.read_table(folder / TABLE))
     with pq.ParquetFile(path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
     assert sizes == [6, 5, 5] * 3

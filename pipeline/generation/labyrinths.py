@@ -1,19 +1,28 @@
-"""The labyrinth that a structure becomes in each split, and the random numbers that make it."""
+"""What a structure becomes in each split: a labyrinth, and the episodes that are shown of it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import fields, replace
+from functools import partial
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.dynamics import replay
+from labyrinth_core.world.dynamics import Episode, random_episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.solver import moves_of, shortest_route
+from labyrinth_core.world.solver import (
+    erring_route,
+    moves_and_routes,
+    moves_of,
+    shortest_route,
+    shortest_routes,
+    simple_routes,
+)
 from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
@@ -202,3 +211,51 @@ def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple
     rng = item_rng(config, "train", labyrinth.structure, ACTING)
     cells = [state.agent for state in replay(labyrinth, shortest_route(labyrinth, rng)).states]
     return ((min(pair), max(pair)) for pair in pairwise(cells))
+
+
+class Solution(NamedTuple):
+    """The episodes of one labyrinth, at least one."""
+
+    episodes: list[Episode]
+    shortest: tuple[int, int]
+    """How many moves a shortest route has, and how many such routes there are."""
+
+    @property
+    def labyrinth(self) -> Labyrinth:
+        """The labyrinth, which all episodes share."""
+        return self.episodes[0].labyrinth
+
+
+def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
+    """Return the episodes of a labyrinth, in order.
+
+    Args:
+        config: The configuration, which says which routes are asked for.
+        split: The split of the labyrinth; in `random` a random policy acts instead.
+        labyrinth: The labyrinth to solve.
+    """
+    kind = SPLITS[split]
+    # Where a shift changes only pictures, its randomness is that of its parent.
+    drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
+    make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
+    if split == "random":
+        episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+    elif config.noise:
+        episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
+    elif config.solutions == "shortest":
+        episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
+    else:
+        enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
+        routes = enumerate_routes(labyrinth, config.solutions_limit)
+        episodes = [replay(labyrinth, route) for route in routes]
+    return Solution(episodes, moves_and_routes(labyrinth))
+
+
+def _random_episodes(
+    labyrinth: Labyrinth, rng: np.random.Generator, steps: int
+) -> Iterator[Episode]:
+    """Yield episodes of a random policy that have `steps` steps in total, the last one cut."""
+    while steps:
+        episode = random_episode(labyrinth, rng, steps)
+        steps -= len(episode)
+        yield episode

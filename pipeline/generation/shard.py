@@ -1,0 +1,390 @@
+"""One shard: its labyrinths are solved, pictured and written, some at a time.
+
+A shard that is there already is not made again. So a build that was stopped goes on, parts are put
+together, and a dataset is mended or grows.
+"""
+
+from __future__ import annotations
+
+import gc
+import hashlib
+import json
+import shutil
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, replace
+from itertools import islice, repeat
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from labyrinth_core.data.columns import GROUP_BYTES, NO_ACTION
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.manifest import MANIFEST, Shard
+from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
+from labyrinth_core.language.text import dump
+from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.world.dynamics import Episode, State
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from pipeline.generation.candidates import Records, unpack
+from pipeline.generation.labyrinths import labyrinth_and_parent, solve
+from pipeline.generation.table import (
+    FACTS,
+    Content,
+    Facts,
+    arrow_schema,
+    table_facts,
+    text_array,
+    value_array,
+)
+from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.folders import new_file
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+CELLS_PER_BATCH = 2_000
+"""The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5. One by one a
+build would cost 8% to 15% more (600 labyrinths at 5x5, CPU time, 12 rounds)."""
+
+ROW_GROUP = 256
+"""The number of rows after which a row group ends, at the next end of an episode."""
+
+REMEMBERED_BYTES = 32 << 20
+"""The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
+
+DRAWN_AT_ONCE = 128
+"""The number of rows of an episode that are drawn together; 20 MB of pictures at 250x250."""
+
+WRITER_OPTIONS = {
+    # docs/performance.md compares them with others.
+    "compression": "zstd",
+    "compression_level": 1,
+    "use_dictionary": ["info"],
+    # Statistics of pictures would be pictures.
+    "write_statistics": ["actions", "rewards", "episode_starts"],
+    "write_page_index": True,
+    # It would say that texts are places in a dictionary, also to readers.
+    "store_schema": False,
+}
+
+
+@dataclass(frozen=True)
+class ShardThere:
+    """A shard of the finished dataset that is to be mended or to grow."""
+
+    path: AnyPath
+    shard: Shard
+    table_row: int | None = None
+    """The row of its first labyrinth in the table of labyrinths; None if the file is damaged."""
+
+
+@dataclass(frozen=True)
+class ShardJob:
+    """All that a worker needs to make one shard; equal jobs give equal bytes."""
+
+    config: DatasetConfig
+    split: str
+    first: int
+    """The index of its first labyrinth in the split."""
+    structures: Records
+    path: AnyPath
+    building: AnyPath
+    """The folder of the file that is left beside it."""
+    there: ShardThere | None = None
+    """The shard of the same structures in the finished dataset, if it has one."""
+
+    @property
+    def sidecar(self) -> AnyPath:
+        """The file that marks the shard as finished, and describes it: see `leave`."""
+        return self.building / f"{self.path.name.removesuffix('.parquet')}.shard"
+
+    @property
+    def key(self) -> str:
+        """A hash of all that the bytes of the shard follow from."""
+        config = replace(self.config, labyrinths=1, shifts=()).to_json()
+        parts = config, build_versions(), self.split, self.first, self.structures.tobytes()
+        return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+def not_as_it_was(path: AnyPath) -> str:
+    """Return why a file that was made anew is not kept."""
+    return (
+        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
+        "was made with: overwrite=true builds the whole dataset anew"
+    )
+
+
+def finished(job: ShardJob) -> Shard | None:
+    """Return the shard of a job if it is there already, None if it has to be made.
+
+    Either an earlier run has made it, or the finished dataset has it.
+    """
+    with suppress(FileNotFoundError, *MALFORMED):
+        key, shard, _ = left(job)
+        if key == job.key and file_sha256(job.path) == shard.sha256:
+            return shard
+    there = job.there
+    if there is not None and there.table_row is not None:
+        with suppress(FileNotFoundError):
+            if file_sha256(there.path) == there.shard.sha256:
+                with new_file(job.path, job.building) as path:
+                    shutil.copyfile(str(there.path), path)
+                shard = replace(there.shard, path=job.path.name)
+                facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
+                return leave(job, shard, facts)
+    return None
+
+
+def make_shard(job: ShardJob) -> Shard:
+    """Make the shard of a job, or return the one that is there already.
+
+    Raises:
+        DatasetError: The finished dataset has the shard with other bytes.
+    """
+    if (there := finished(job)) is not None:
+        return there
+    content = Content(job.config, job.split)
+
+    def parts() -> Iterator[list[Row]]:
+        for batch in _batches(job):
+            solutions = [solve(job.config, job.split, labyrinth) for _, labyrinth, _ in batch]
+            for (number, labyrinth, parent), solution in zip(batch, solutions, strict=True):
+                info = dump(labyrinth)
+                yield from render(job.split, number, info, solution.episodes)
+                content.add(info, solution, parent)
+
+    with new_file(job.path, job.building) as path:
+        fingerprint = write(path, parts())
+        size, sha256 = path.stat().st_size, file_sha256(path)
+        if job.there is not None and job.there.shard.sha256 != sha256:
+            raise DatasetError(not_as_it_was(job.there.path))
+    shard = Shard(
+        path=job.path.name,
+        split=job.split,
+        bytes=size,
+        sha256=sha256,
+        fingerprint=fingerprint,
+        **content.counts,
+    )
+    return leave(job, shard, content.facts())
+
+
+def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
+    """Mark a shard as finished by its sidecar: a line of JSON, and its facts as an array."""
+    line = json.dumps({"key": job.key, "shard": asdict(shard)})
+    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
+    return shard
+
+
+def left(job: ShardJob) -> tuple[str, Shard, Facts]:
+    """Return what the sidecar of a job holds: the key of its job, its shard and the facts.
+
+    Raises:
+        FileNotFoundError: The shard is not finished.
+        MALFORMED: The file is damaged; any of these errors.
+    """
+    line, _, array = job.sidecar.read_bytes().partition(b"\n")
+    content, facts = json.loads(line), np.frombuffer(array, FACTS)
+    shard = Shard.from_json(content["shard"])
+    if len(facts) != shard.labyrinths:
+        raise ValueError(f"{job.sidecar} holds the facts of {len(facts)} labyrinths")
+    return content["key"], shard, facts
+
+
+def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:
+    """Yield the labyrinths of a shard some at a time, each with its number and its parent."""
+
+    def each() -> Iterator[tuple[int, Labyrinth, Labyrinth | None]]:
+        for number, structure in enumerate(unpack(job.config, job.structures), start=job.first):
+            try:
+                yield number, *labyrinth_and_parent(job.config, job.split, structure)
+            except LabyrinthError:  # Its parent has no such variant.
+                if job.split not in SHIFTS:
+                    raise
+
+    labyrinths = each()
+    together = max(1, CELLS_PER_BATCH // (job.config.height * job.config.width))
+    while batch := list(islice(labyrinths, together)):
+        yield batch
+
+
+class Row(NamedTuple):
+    """One state of an episode, in the dataset's columns."""
+
+    obs: bytes
+    """The picture as a PNG file."""
+    obs_path: str
+    """The name of the picture, unique in its config."""
+    actions: int
+    rewards: float
+    episode_starts: bool
+    info: str
+    picture_digest: bytes
+    """The digest of its pixels, which is not a column."""
+
+
+class Fingerprint:
+    """A hash of the values and pixels of rows, in their order.
+
+    It is the SHA-256 of this for each row: the picture's digest, `actions` as int64, `rewards` as
+    float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of `info` in
+    UTF-8, sixteen bytes. It tells whether two datasets have the same content, whatever their
+    compression; it does not protect against forgery, as the SHA-256 of each file does.
+    """
+
+    _NUMBERS = struct.Struct("<qf?")
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+
+    def update(self, rows: Sequence[Row]) -> None:
+        """Add rows."""
+        texts = {
+            info: hashlib.blake2b(info.encode(), digest_size=16).digest()
+            for info in {row.info for row in rows}
+        }
+        parts = [
+            digest + self._NUMBERS.pack(action, reward, starts) + texts[info]
+            for _, _, action, reward, starts, info, digest in rows
+        ]
+        self._hash.update(b"".join(parts))
+
+    def hexdigest(self) -> str:
+        """Return the hash of the rows so far, in hexadecimal digits."""
+        return self._hash.hexdigest()
+
+
+def render(split: str, number: int, info: str, episodes: list[Episode]) -> Iterator[list[Row]]:
+    """Yield the rows of each episode of one labyrinth, those of a long one in parts.
+
+    Args:
+        split: The split of the labyrinth.
+        number: The index of the labyrinth in the split.
+        info: The text of the labyrinth.
+        episodes: At least one, all of the same labyrinth.
+    """
+    pictures = Pictures(episodes[0].labyrinth)
+    for place, episode in enumerate(episodes):
+        states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
+        names = [f"{name}-{step:04d}.png" for step in range(len(states))]
+        actions = [*episode.actions.tolist(), NO_ACTION]
+        rewards = [*episode.rewards.tolist(), 0.0]
+        starts = [True, *repeat(False, len(states) - 1)]
+        drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
+        for first in range(0, len(states), DRAWN_AT_ONCE):
+            part = slice(first, first + DRAWN_AT_ONCE)
+            if drawn_once:  # 4-5% faster than one by one, at 5x5 and at 25x25.
+                pngs, digests = pictures.draw(states[part])
+            else:
+                pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
+            values = names[part], actions[part], rewards[part], starts[part]
+            yield list(map(Row, pngs, *values, repeat(info), digests))
+
+
+class Pictures(dict[State, tuple[bytes, bytes]]):
+    """A cache of the pictures of a labyrinth's states, each made when it is first needed.
+
+    A picture is its PNG file and the digest of its pixels: see `PictureDigest`.
+    """
+
+    def __init__(self, labyrinth: Labyrinth) -> None:
+        super().__init__()
+        self._painter = Painter(labyrinth)
+        strips = self._painter.strips()
+        self._mosaic, self._digests = Mosaic(strips, PICTURE_SIZE), PictureDigest(strips)
+
+    def __missing__(self, state: State) -> tuple[bytes, bytes]:
+        (png,), (digest,) = self.draw([state])
+        if len(self) * len(png) >= REMEMBERED_BYTES:
+            self.clear()
+        self[state] = png, digest
+        return png, digest
+
+    def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
+        """Return the PNG files and the digests of states, without keeping them."""
+        changes = list(map(self._painter.changes, states))
+        return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
+
+
+def write(path: Path, parts: Iterable[list[Row]]) -> str:
+    """Write the rows of episodes to a Parquet file, and return their fingerprint.
+
+    Args:
+        path: The file.
+        parts: The rows of each episode, those of a long one in parts.
+
+    Raises:
+        OSError: The file cannot be written, say because the disk is full.
+    """
+    import pyarrow.parquet as pq
+
+    fingerprint, group = Fingerprint(), list[Row]()
+    with (
+        no_garbage_collection(),
+        pq.ParquetWriter(path, written_schema(), **WRITER_OPTIONS) as writer,
+    ):
+        writer.add_key_value_metadata(arrow_schema().metadata)
+        for part in parts:
+            fingerprint.update(part)
+            group += part
+            is_full = part[-1].actions == NO_ACTION and len(group) >= ROW_GROUP
+            if is_full or len(group) * len(part[-1].obs) >= GROUP_BYTES:
+                writer.write_table(rows_table(group))
+                group = []
+        if group:
+            writer.write_table(rows_table(group))
+    return fingerprint.hexdigest()
+
+
+@contextmanager
+def no_garbage_collection() -> Iterator[None]:
+    """Switch the garbage collector off; rows hold no reference cycles.
+
+    Collecting garbage costs 5% of a build (1,500 labyrinths at 5x5, CPU time): each collection
+    visits all objects of the imported libraries.
+    """
+    enabled = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def rows_table(rows: list[Row]) -> pa.Table:
+    """Return rows as a table with each text of `info` once: it is long, and many rows share it."""
+    import pyarrow as pa
+
+    schema = written_schema()
+    pngs, names, actions, rewards, starts, infos, _ = zip(*rows, strict=True)
+    pictures = pa.StructArray.from_arrays(
+        [text_array(pa.binary(), pngs), text_array(pa.string(), [name.encode() for name in names])],
+        fields=list(schema.field("obs").type),
+    )
+    numbers = [
+        value_array(pa.int64(), len(rows), np.array(actions, np.int64)),
+        value_array(pa.float32(), len(rows), np.array(rewards, np.float32)),
+        value_array(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
+    ]
+    places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
+    texts = pa.DictionaryArray.from_arrays(
+        value_array(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
+        text_array(pa.string(), [info.encode() for info in places]),
+    )
+    return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
+
+
+def written_schema() -> pa.Schema:
+    """Return the schema of the tables to write; the texts of `info` are in a dictionary."""
+    import pyarrow as pa
+
+    schema = arrow_schema()
+    texts = pa.field("info", pa.dictionary(pa.int32(), pa.string()))
+    return schema.set(schema.get_field_index("info"), texts)

@@ -1,0 +1,367 @@
+"""The structures of each split: unique ones from the candidates, and those that shifts select.
+
+The split of a structure follows from a hash of its canonical form, so that no structure and no
+mirror image that keeps start and goal is ever in two of train, validation and test: neither within
+a dataset, nor across datasets of other seeds or lengths (with the same `buckets`).
+
+The candidates, which depend on the seed and not on the number of labyrinths, are divided among the
+splits in order; so a longer dataset begins with the structures of a shorter one.
+
+With `splits.min_walls` train stays as it is. Validation and test then go through the candidates
+once more, and take those that are far enough from train and from each other; so only train, and the
+splits on its structures, begin with the structures of a shorter dataset.
+
+A shift with structures of its own has such that are like those of test in all that it leaves free.
+For each labyrinth of test in turn, the candidate is taken that is nearest to it in these measures,
+out of a pool that is renewed all the time. A candidate is in the bucket of test, so nothing is
+trained on it, in no dataset; and no split has it yet.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain, combinations, islice
+from math import ceil
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.buckets import bucket_of
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from pipeline.config.errors import ConfigError
+from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
+from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, labyrinth_of, solve
+from pipeline.generation.shifts import (
+    SELECTED_SHIFTS,
+    Measures,
+    Train,
+    measures_of,
+    selected_shifts,
+    train_of,
+)
+from pipeline.inspection.near_twins import Neighbourhood
+from pipeline.machinery.console import tracked
+
+PATIENCE = 300_000
+"""The number of candidates without success after which the sampler gives up."""
+
+COUNTABLE_EDGES = 13
+"""The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
+
+
+@dataclass(frozen=True)
+class Sample:
+    """The structures of a dataset."""
+
+    structures: Mapping[str, Records]
+    """Split -> its structures, `labyrinths` of each, for the splits that have their own."""
+    candidates: int
+    """The number of candidates up to the last one that was taken."""
+
+
+def sample(config: DatasetConfig, candidates: Candidates | None = None) -> Sample:
+    """Return the structures of each split that has its own, `config.labyrinths` of each.
+
+    Args:
+        config: The configuration of the dataset.
+        candidates: Its candidates; None to draw them in this process.
+
+    Raises:
+        ConfigError: There seem to be fewer.
+    """
+    candidates = candidates or Candidates(config)
+    found = dict.fromkeys(SAMPLED_SPLITS, 0)
+    if config.min_walls == 1:  # Two splits have no structure in common.
+        taken, last = _fill(config, candidates, found, SAMPLED_SPLITS)
+    else:
+        size = config.height, config.width
+        near = {
+            split: Neighbourhood(*size, config.min_walls - 1, config.labyrinths)
+            for split in SAMPLED_SPLITS
+        }
+        train, last_of_train = _fill(config, candidates, found, SAMPLED_SPLITS[:1])
+        for structure in unpack(config, train["train"]):
+            near["train"].add(structure)
+        others, last = _fill(config, candidates, found, SAMPLED_SPLITS[1:], near)
+        taken, last = train | others, max(last, last_of_train)
+    if selected_shifts(config):
+        taken |= selected(config, taken)
+    return Sample(taken, last)
+
+
+def _fill(
+    config: DatasetConfig,
+    candidates: Candidates,
+    found: dict[str, int],
+    splits: Sequence[str],
+    near: Mapping[str, Neighbourhood] | None = None,
+) -> tuple[dict[str, Records], int]:
+    """Return the structures of some splits, and the number of candidates up to the last of them.
+
+    Args:
+        config: The configuration of the dataset.
+        candidates: Its candidates.
+        found: Split -> the number of structures found, which is updated.
+        splits: The splits to fill.
+        near: Split -> the structures too near to it for other splits, which is updated.
+    """
+    places = {split: SAMPLED_SPLITS.index(split) for split in splits}
+    taken = {split: [np.empty(0, record_type(config))] for split in splits}
+    known = np.empty(0, np.int64)
+    drawn = last = 0
+    while any(found[split] < config.labyrinths for split in splits):
+        if drawn - last > PATIENCE:
+            raise _not_enough(config, found)
+        records = candidates.after(drawn, _expected(config, found, splits, drawn))
+        fit = np.flatnonzero(np.isin(records["split"], [*places.values()]))
+        _, first = np.unique(records["id"][fit], return_index=True)
+        fresh = fit[np.sort(first)]
+        fresh = fresh[~np.isin(records["id"][fresh], known)]
+        known = np.concatenate([known, records["id"][fresh]])
+        if near:
+            fresh = _far_enough(config, records, fresh, found, near)
+        for split, place in places.items():
+            mine = fresh[records["split"][fresh] == place][: config.labyrinths - found[split]]
+            if len(mine):
+                taken[split].append(records[mine])
+                found[split] += len(mine)
+                last = max(last, drawn + int(mine[-1]) + 1)
+        drawn += len(records)
+    return {split: np.concatenate(parts) for split, parts in taken.items()}, last
+
+
+def _expected(
+    config: DatasetConfig, found: Mapping[str, int], splits: Sequence[str], drawn: int
+) -> int:
+    """Return the number of further candidates that are likely to fill some splits."""
+    expected = 1
+    for split in splits:
+        share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
+        missing = config.labyrinths - found[split]
+        likely = missing * (drawn + 1) / (found[split] + share)
+        # At least `missing / share` are needed, unless the sampler gives up before.
+        expected = max(expected, ceil(min(likely, max(missing / share, PATIENCE))))
+    return expected
+
+
+def _far_enough(
+    config: DatasetConfig,
+    records: Records,
+    fresh: NDArray[np.int64],
+    found: Mapping[str, int],
+    near: Mapping[str, Neighbourhood],
+) -> NDArray[np.int64]:
+    """Return the places of records that are not too near to another split, as many as are missing.
+
+    Args:
+        config: The configuration of the dataset.
+        records: The candidates.
+        fresh: The places of those that are new, in order.
+        found: Split -> the number of structures found.
+        near: Split -> the structures too near to it for other splits, which is updated.
+    """
+    missing = {split: config.labyrinths - count for split, count in found.items()}
+    kept = []
+    for place, structure in zip(fresh.tolist(), unpack(config, records[fresh]), strict=True):
+        split = SAMPLED_SPLITS[records["split"][place]]
+        others = (near[other] for other in near if other != split)
+        if missing[split] and not any(other.is_near(structure) for other in others):
+            near[split].add(structure)
+            missing[split] -= 1
+            kept.append(place)
+    return np.array(kept, np.int64)
+
+
+def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
+    counts = ", ".join(f"{count} in {split}" for split, count in found.items())
+    apart, try_ = "", "ask for fewer, or try"
+    if config.min_walls > 1:
+        apart = f" at least splits.min_walls={config.min_walls} walls apart"
+        try_ = "ask for fewer of either, or try"
+    return ConfigError(
+        f"labyrinths={config.labyrinths}: of {config.name} the sampler found {counts}{apart}, and "
+        f"no other in {PATIENCE:,} draws; {try_} another open_walls or sampler"
+    )
+
+
+def check_capacity(config: DatasetConfig) -> None:
+    """Refuse too many labyrinths at once, where all structures can be counted quickly.
+
+    Raises:
+        ConfigError: There are fewer structures than asked for.
+    """
+    edges = list(Structure.without_walls(config.height, config.width).passages())
+    asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
+    if len(edges) > COUNTABLE_EDGES:
+        if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
+            raise ConfigError(f"{asked}: the three splits share fewer than 2**{len(edges)}")
+        return
+    rare = config.task not in TASKS_WITHOUT_TILES
+    if not rare and config.labyrinths * 100 < 1 << len(edges):
+        return
+    counts = dict.fromkeys(SAMPLED_SPLITS, 0)
+    subsets = chain.from_iterable(
+        combinations(edges, size)
+        for size in range(config.height * config.width - 1, len(edges) + 1)
+    )
+    for passages in subsets:
+        structure = Structure.from_passages(config.height, config.width, passages)
+        if structure.is_connected:
+            split = bucket_of(config, structure)
+            if split is not None:
+                counts[split] += holds_task(config, split, structure)
+    least = min(counts.values())
+    if config.labyrinths > least:
+        exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
+        advice = f"ask for labyrinths={least} or fewer" if least else "choose another size or task"
+        raise ConfigError(f"{asked}: there can be {exist}; {advice}")
+
+
+class Candidate(NamedTuple):
+    """A structure that may be selected, with those of its measures that follow test."""
+
+    measures: tuple[int, ...]
+    structure: Structure
+
+
+def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str, Records]:
+    """Return the structures of the shifts that select theirs.
+
+    Args:
+        config: The configuration of the dataset.
+        sampled: The structures of train, validation and test.
+
+    Raises:
+        ConfigError: There are too few for a shift.
+    """
+    structures = unpack(config, sampled["train"])
+    labyrinths = (labyrinth_of(config, "train", structure) for structure in structures)
+    train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
+    taken = Taken(config)
+    for split, records in sampled.items():
+        for structure in unpack(config, records):
+            taken.add(split, structure)
+    measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
+    targets = [measures for measures in measured if measures is not None]  # As test holds the task.
+
+    def of(split: str) -> Iterator[tuple[Structure, int]]:
+        found = ((1, each) for each in select(config, split, train, targets, taken))
+        return ((each, UNFIT) for each in tracked(found, split, config.labyrinths))
+
+    return {split: pack(config, of(split)) for split in selected_shifts(config)}
+
+
+def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
+    """Yield the cells of each route that train demonstrates in a labyrinth."""
+    for episode in solve(config, "train", labyrinth).episodes:
+        yield [state.agent for state in episode.states]
+
+
+class Taken:
+    """The structures that shifts may not select: those that a split has, or that are near to it."""
+
+    def __init__(self, config: DatasetConfig) -> None:
+        self._config = config
+        self._ids: set[int] = set()
+        self._near: Neighbourhood | None = None
+        if config.min_walls > 1:
+            size = config.height, config.width
+            self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
+
+    def add(self, split: str, structure: Structure) -> None:
+        """Add a structure of train, validation or test."""
+        if self._near is not None:
+            self._near.add(structure)
+        if split == "test":  # No shift has structures of the buckets of the others.
+            self._ids.add(int(structure.structure_id, 16))
+
+    def take(self, structure: Structure) -> bool:
+        """Take a structure for a shift; return whether it was free."""
+        if bucket_of(self._config, structure) != "test":
+            return False
+        if self._near is not None and self._near.is_near(structure):
+            return False
+        number = int(structure.structure_id, 16)
+        is_free = number not in self._ids
+        self._ids.add(number)
+        return is_free
+
+
+def select(
+    config: DatasetConfig, split: str, train: Train, targets: Sequence[Measures], taken: Taken
+) -> Iterator[Structure]:
+    """Yield the structures of a shift, one for each labyrinth of test.
+
+    Args:
+        config: The configuration of the dataset.
+        split: The shift.
+        train: What train has.
+        targets: The measures of each labyrinth of test.
+        taken: The structures that may not be selected, which is updated.
+
+    Raises:
+        ConfigError: There are fewer.
+    """
+    shift = SELECTED_SHIFTS[split]
+    candidates = _candidates(config, split, train)
+    pool = list(islice(candidates, shift.effort.pool))
+    for number, measures in enumerate(targets):
+        pool += islice(candidates, shift.effort.renewed)
+        del pool[: -shift.effort.pool]
+        chosen = _nearest(pool, _free(split, measures), taken)
+        if chosen is None:
+            pool.clear()
+            more = (each.structure for each in islice(candidates, shift.effort.patience))
+            chosen = next(filter(taken.take, more), None)
+        if chosen is None:
+            raise ConfigError(
+                f"shifts: of {split} at {config.name} {number} of labyrinths={config.labyrinths} "
+                "were found, and no other after a long search; ask for fewer labyrinths, or leave "
+                f"{split} out"
+            )
+        yield chosen
+
+
+def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
+    """Take the free candidate nearest to a target out of a pool; return None if all are taken.
+
+    Those that were nearer and are not free leave the pool as well.
+    """
+
+    def apart(measures: tuple[int, ...]) -> int:
+        return sum(abs(a - b) for a, b in zip(measures, target, strict=True))
+
+    distances = {key: apart(key) for key in {each.measures for each in pool}}
+    nearest_first = sorted(range(len(pool)), key=lambda place: distances[pool[place].measures])
+    for tried, place in enumerate(nearest_first, start=1):
+        structure = pool[place].structure
+        if taken.take(structure):
+            for gone in sorted(nearest_first[:tried], reverse=True):
+                del pool[gone]
+            return structure
+    return None
+
+
+def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Candidate]:
+    """Yield structures with the property of a shift, until there seem to be no more."""
+    shift = SELECTED_SHIFTS[split]
+    seed = np.random.SeedSequence(config.seed, spawn_key=(SPLITS[split].number,))
+    without = 0
+    for structure in shift.draw(config, split, train, np.random.default_rng(seed)):
+        without += 1
+        if without > shift.effort.patience:
+            return
+        measures = measures_of(config, split, structure)
+        labyrinth = partial(labyrinth_of, config, split, structure)
+        if measures is not None and shift.problem(measures, labyrinth, train) is None:
+            without = 0
+            yield Candidate(_free(split, measures), structure)
+
+
+def _free(split: str, measures: Measures) -> tuple[int, ...]:
+    return tuple(getattr(measures, name) for name in SELECTED_SHIFTS[split].free)
