@@ -179,14 +179,15 @@ def _what_refers_to(manifest: Manifest, run: Run) -> str:
 
 def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
     """Make the damaged and the missing files of a finished dataset anew, and say which."""
-    damaged, has_table = workplace.damaged(manifest), workplace.has_table(manifest)
-    if not damaged and has_table:
+    lacks = workplace.lacks(manifest)
+    if not lacks:
         say(f"{run.folder} is complete already.")
         return
     # The table follows from what all shards were made of.
     again = {
         shard.path: ShardThere(workplace.folder / shard.path, shard)
-        for shard in (damaged if has_table else manifest.shards)
+        for shard in manifest.shards
+        if shard.path in lacks or TABLE in lacks
     }
     workplace.begin(run.dataset)
     jobs = [
@@ -197,11 +198,9 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> 
     made = {shard.path for shard in _made(run, jobs)}
     if missing := [name for name in again if name not in made]:
         raise DatasetError(not_as_it_was(run.folder / missing[0]))
-    names = [shard.path for shard in damaged]
-    if not has_table:
-        names.append(TABLE)
+    if TABLE in lacks:
         _tabulate(workplace, run.folder, jobs, manifest.labyrinths)
-    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(names)}.")
+    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(lacks)}.")
 
 
 def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Plan) -> Manifest:

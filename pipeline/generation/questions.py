@@ -70,7 +70,7 @@ def run(run: Run) -> None:
         place = Workplace.of(run.data_dir / name)
         place.recover()
         there = front_matter.questions_of(run.data_dir, manifest)
-        if there is None or place.damaged(there):
+        if there is None or place.lacks(there):
             place.refuse_others_files()
             there = _make(run, manifest, place)
             state = f"has {sum(shard.rows for shard in there.shards):,} questions"

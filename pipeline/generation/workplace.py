@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +12,8 @@ from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest, Shard
+from labyrinth_core.data.labyrinth_table import TABLE
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
@@ -87,33 +88,24 @@ class Workplace:
             names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
         return names
 
-    def damaged(self, manifest: Manifest) -> list[Shard]:
-        """Return the shards of the finished dataset that are missing, or not what they were.
+    def lacks(self, manifest: Manifest) -> list[str]:
+        """Return the files of the finished dataset that are missing, or not what they were.
 
         A file is hashed; in a store, where that downloads it, only if it was written after the
         manifest, which is the last to be written.
         """
-        return [
-            shard
-            for shard in manifest.shards
-            if not self._is_whole(shard.path, shard.bytes, shard.sha256)
-        ]
-
-    def has_table(self, manifest: Manifest) -> bool:
-        """Return whether the table of labyrinths is what it was."""
-        return self._is_whole(TABLE, manifest.table.bytes, manifest.table.sha256)
+        files = [(shard.path, shard.bytes, shard.sha256) for shard in manifest.shards]
+        if manifest.labyrinths is not None:
+            files.append((TABLE, manifest.labyrinths.bytes, manifest.labyrinths.sha256))
+        return [name for name, size, digest in files if not self._is_whole(name, size, digest)]
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
         path, manifest = self.folder / name, self.folder / MANIFEST
-        try:
+        with suppress(FileNotFoundError):
             found, changed = size_and_time(path)
-            if found != size:
-                return False
-            if isinstance(path, RemotePath) and changed < size_and_time(manifest)[1]:
-                return True
-            return file_sha256(path) == sha256
-        except FileNotFoundError:
-            return False
+            is_older = isinstance(path, RemotePath) and changed < size_and_time(manifest)[1]
+            return found == size and (is_older or file_sha256(path) == sha256)
+        return False
 
     def prepare(
         self, config: DatasetConfig, *, parts: int | None = None, overwrite: bool = False
@@ -133,7 +125,7 @@ class Workplace:
             self._refuse_another(config, parts)
         if isinstance(self.folder, RemotePath):
             if not same:  # From now on shards in the folder are those of a build.
-                write_text(self.building / _CONFIG, json.dumps(_content(None)))
+                self._write({"parts": None})
             (self.folder / MANIFEST).unlink(missing_ok=True)  # It would describe new shards.
             for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
                 (self.folder / name).unlink(missing_ok=True)
@@ -141,7 +133,7 @@ class Workplace:
             self.clear()
             self.begin(config)
         if parts is not None and parts != self.parts:
-            write_text(self.building / _CONFIG, json.dumps(_content(config) | {"parts": parts}))
+            self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
         if isinstance(self.shards, Path):  # A run was killed while it wrote the manifest.
             for path in temporaries(self.shards / MANIFEST):
@@ -156,15 +148,14 @@ class Workplace:
             unfinished = temporaries(self.building / _CONFIG)
             others = [path for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
-        write_text(self.building / _CONFIG, json.dumps(_content(config)))
+        self._write(_content(config))
+
+    def _write(self, content: Mapping[str, Any]) -> None:
+        write_text(self.building / _CONFIG, json.dumps(content))
 
     def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
         """Raise DatasetError, which names what differs from what was begun."""
-        begun, asked = self._begun(), _content(config) | {"parts": parts or self.parts}
-        there, here = (
-            {**(each["config"] or {}), **each["versions"], "parts": each["parts"]}
-            for each in (begun, asked)
-        )
+        there, here = self._begun(), _content(config, parts or self.parts)
         differing = "; ".join(
             f"{key}={there.get(key)}, not {here.get(key)}"
             for key in there | here
@@ -194,7 +185,7 @@ class Workplace:
         """Return what says which build was stopped here; an empty dictionary if no build was."""
         with suppress(FileNotFoundError, *MALFORMED):
             content = json.loads((self.building / _CONFIG).read_bytes())
-            if content.keys() >= {"config", "versions"}:
+            if "parts" in content:
                 return dict(content)
         return {}
 
@@ -244,13 +235,9 @@ class Workplace:
                 self.building.rmdir()
 
 
-def _content(config: DatasetConfig | None) -> dict[str, Any]:
-    """Return what the shards of a build follow from."""
-    return {
-        "config": None if config is None else config.to_json(),
-        "versions": build_versions(),
-        "parts": None,
-    }
+def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
+    """Return what the shards of a build follow from, and the number of its parts."""
+    return {**config.to_json(), **build_versions(), "parts": parts}
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:

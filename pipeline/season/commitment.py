@@ -203,4 +203,4 @@ def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
         options = replace(run.options, overwrite=False)
         its = replace(run, options=options, dataset=config, data_dir=Path(folder))
         build(its)
-        yield its.data_dir, Manifest.read(its.folder)
+        yield Path(folder), Manifest.read(its.folder)
