@@ -10,6 +10,7 @@ import sys
 try:
     from pipeline.machinery.ending import (
         answer_signals,
+        end,
         end_interrupted,
         end_without_output,
         show_start,
@@ -32,6 +33,10 @@ def main() -> int:
 
         status = run_command()
         sys.stdout.flush()
+    except ModuleNotFoundError as error:
+        if error.name != "hydra":
+            raise
+        end(1, "error: hydra is not installed: `pip install .` in the clone installs all libraries")
     except KeyboardInterrupt as interruption:
         end_interrupted(*interruption.args)
     except OSError as error:

@@ -251,9 +251,11 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     """Return the folder with a dataset's manifest, None for an id on the Hub.
 
     Raises:
-        ValueError: A revision is given for a folder.
+        ValueError: A revision is given for a folder, or the config is not a text.
         DatasetError: The source is neither a folder nor an id, or has no such config.
     """
+    if not isinstance(config, str):
+        raise ValueError(f"config={config!r}: give a name, such as '5x5'")
     try:
         folder = folder_at(source)
     except ValueError as error:

@@ -198,12 +198,12 @@ def _sealed(name: str, suffix: str) -> str:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
-    """Name a path in errors of the block that name none: that of a full disk comes without."""
+def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
+    """Name a path in errors of the block that name none, as of a full disk, or a temporary file."""
     try:
         yield
     except OSError as error:
-        if error.filename is None:
+        if error.filename in (None, str(temporary)):
             error.filename = str(path)
         raise
 
@@ -219,7 +219,7 @@ def replacing(path: Path) -> Iterator[Path]:
     # Another process that makes the same file uses another name.
     temporary = temporary_beside(target)
     try:
-        with naming(path):
+        with naming(path, temporary):
             yield temporary
         temporary.replace(target)
     finally:

@@ -259,9 +259,11 @@ def sample_labyrinth(
     Raises:
         LabyrinthError: No structure that was drawn can hold the task, or none can.
         ValueError: A number is not whole or out of bounds, start and goal are the same cell, or the
-            algorithm is unknown.
+            task or the algorithm is unknown.
     """
     height, width = checked_sides(height, width)
+    if task not in [*Task]:
+        raise ValueError(f"task={task}: choose one of {', '.join(Task)}")
     default_start, default_goal = default_start_and_goal(height, width)
     last = height * width - 1
     start = default_start if start is None else whole("start", start, 0, last)

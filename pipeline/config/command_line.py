@@ -8,7 +8,7 @@ import shlex
 from functools import cache
 from pathlib import Path
 from textwrap import TextWrapper
-from typing import Any, get_origin
+from typing import Any, get_args, get_origin
 
 import hydra
 from hydra.core.config_store import ConfigStore
@@ -85,8 +85,14 @@ def keep_texts(argument: str) -> str:
     type of the option tells which values are texts.
 
     Raises:
-        ConfigError: The value cannot be that of a group of options, or of a method.
+        ConfigError: The value cannot be that of a group of options, or of a method; or an option
+            is given as a flag.
     """
+    dashed = re.match(r"--?([\w.]+)", argument)
+    check(
+        dashed is None or dashed[1] not in OPTIONS,
+        f"{argument}: give each option as name=value, without dashes, such as size=5",
+    )
     override = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", argument, re.DOTALL)
     if override is None:
         return argument
@@ -160,4 +166,9 @@ def refusal(error: Exception) -> str:
         )
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
-    return f"{field_name[1]}: {message}" if field_name else message
+    if not field_name:
+        return message
+    kind = KINDS.get(field_name[1])
+    kinds = {kind, *get_args(kind)}
+    what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
+    return f"{field_name[1]}: give {what} ({message})"

@@ -122,5 +122,5 @@ def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)
     if ALL_SHIFTS in named:
-        raise ValueError(f"shifts={listed(named)}: choose from {listed((ALL_SHIFTS, *SHIFTS))}")
+        raise ValueError(f"shifts={listed(named)}: give all alone, or some of {listed(SHIFTS)}")
     return tuple(name for name in SHIFTS if name in named)

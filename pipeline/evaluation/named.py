@@ -145,6 +145,9 @@ def named_policy(name: str) -> Any:
     """
     if ":" not in name:
         source, _, revision = name.partition("@")
+        if "/" not in source and not Path(source).expanduser().is_dir():
+            allowed = "neither a folder nor an id such as user/planner-5x5"
+            raise DatasetError(f"{source} is {allowed}: a policy in Python is module:name")
         return load_policy(source, revision=revision or None)
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())

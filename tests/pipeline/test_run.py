@@ -39,7 +39,12 @@ Build = Callable[..., Run]
     [
         (["report"], ["report: give each option as name=value, such as stages=report"]),
         (["sizee=5"], ["sizee", "did you mean size?", *OPTIONS]),
-        (["labyrinths=x"], ["labyrinths", "'x'", "Integer"]),
+        (["--size", "5"], ["--size: give each option as name=value, without dashes, such as "]),
+        (["--size=5"], ["--size=5: give each option as name=value, without dashes, such as "]),
+        (["labyrinths=x"], ["labyrinths: give a whole number (", "'x'"]),
+        (["open_walls=x"], ["open_walls: give a number (", "'x'"]),
+        (["size=null"], ["size: give one text ("]),
+        (["size=[3,4]"], ["size: give one text (", "'[3, 4]'"]),
         (["method=foo"], ["method=foo", "bc, dagger, gail, bco, sqil, iupe, planner, mapper"]),
         (
             ["stages=[build,train]", "method=mine:Method"],
@@ -80,6 +85,19 @@ def test_a_mistake_is_answered_with_one_line_and_leaves_nothing(
     error = error_of(run(tmp_path, "data_dir=data", *arguments))
     assert all(part in error for part in parts), error
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_clone_whose_libraries_are_not_installed_says_so_in_one_line(tmp_path: Path) -> None:
+    program = "import sys; sys.modules['hydra'] = None; from pipeline.__main__ import main; main()"
+    result = subprocess.run(
+        [sys.executable, "-c", program, "size=3"],
+        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert error_of(result).startswith("error: hydra is not installed: `pip install .`")
 
 
 @pytest.mark.parametrize("way_in", [[str(RUN)], ["-m", "pipeline"]], ids=["clone", "installed"])

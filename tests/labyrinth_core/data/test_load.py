@@ -225,6 +225,14 @@ print(json.dumps(
     assert others == [alone] * 7
 
 
+@LOADS
+@pytest.mark.parametrize("config", [3, None])
+def test_a_config_that_is_no_text_is_refused(load, small_dataset, config):
+    message = rf"\Aconfig={config}: give a name, such as '5x5'\Z"
+    with pytest.raises(ValueError, match=message):
+        load(small_dataset.data_dir, config)
+
+
 # The Hub.
 
 

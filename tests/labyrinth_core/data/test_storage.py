@@ -165,6 +165,13 @@ def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) 
         assert list(tmp_path.iterdir()) == []
 
 
+def test_an_error_of_a_temporary_file_names_the_file_that_is_written(tmp_path: Path) -> None:
+    path = tmp_path / "nowhere" / "x.png"
+    with pytest.raises(FileNotFoundError) as caught:
+        write_bytes(path, b"")
+    assert caught.value.filename == str(path)
+
+
 def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
     made = temporary_beside(path)

@@ -292,3 +292,8 @@ def test_the_numbers_of_a_random_labyrinth_may_be_numpys_and_are_looked_at_first
     ]:
         with pytest.raises(ValueError, match=f"^{message}$"):
             sample(**arguments)
+
+
+def test_an_unknown_task_is_refused_at_once_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r"\Atask=keys: choose one of navigation, partial_obs"):
+        sample_labyrinth(3, 3, "keys", np.random.default_rng(0))  # type: ignore[arg-type]

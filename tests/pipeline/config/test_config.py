@@ -122,7 +122,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),
     (noisy(0.1, shifts=("one_wall",)), ["the demonstrated route is no shortest one"]),
     ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
-    ({"shifts": ("all", "g")}, ["shifts=[all, g]: choose from [all, g, "]),
+    ({"shifts": ("all", "g")}, ["shifts=[all, g]: give all alone, or some of [g, "]),
     ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["no kruskal: train is sampled"]),
     ({"shifts": ("trees",), "task": "icy_floor"}, ["there is no trees: ice only matters"]),
     ({"shifts": ("trees",), "open_walls": 0.0}, ["train has no loops already"]),

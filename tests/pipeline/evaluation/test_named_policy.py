@@ -170,6 +170,11 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
         ("strange:unmade", PolicyError, "raised LookupError: no weights"),
         ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
         ("absent", DatasetError, "absent is neither a folder nor an id such as user/planner-5x5"),
+        (
+            "strange.py",
+            DatasetError,
+            r"strange\.py is .*: a policy in Python is module:name",
+        ),
     ],
 )
 def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, policy, kind, message):
