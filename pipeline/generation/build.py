@@ -27,11 +27,11 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
 from labyrinth_core.data.manifest import (
     FORMAT,
     FORMAT_OF_CHUNKS,
     MANIFEST,
+    TABLE,
     Manifest,
     Shard,
     TableFile,

@@ -19,9 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.labyrinth_table import TABLE, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import footer_problem, open_shard, read_schema
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard
+from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import questions_config
@@ -43,6 +43,7 @@ from pipeline.generation.table import (
     arrow_schema,
     facts_table,
     opened_table,
+    read_schema,
     table_part,
 )
 from pipeline.inspection.front_matter import questions_of

@@ -23,7 +23,7 @@ from labyrinth_core.evaluation.questions import (
     questions_config,
 )
 from pipeline.config.run import Run
-from pipeline.generation.table import arrow_schema
+from pipeline.generation.table import arrow_schema, read_schema
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.columns import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes

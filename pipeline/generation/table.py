@@ -16,10 +16,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.columns import COLUMNS, Column
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.labyrinth_table import MOST_ROUTES, TABLE, TABLE_COLUMNS, table_file
-from labyrinth_core.data.manifest import Manifest, Shard, TableFile
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_file
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -271,6 +270,18 @@ def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
         [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
         metadata={"huggingface": json.dumps(features)},
     )
+
+
+def read_schema(path: Path) -> pa.Schema:
+    """Return the Arrow schema of a Parquet file; raise OSError or ArrowException if it has none.
+
+    `pyarrow.parquet.read_schema` makes a reference cycle through `FileMetaData.schema`, which keeps
+    megabytes a shard until the garbage collector runs.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(path) as file:
+        return file.schema_arrow
 
 
 # `pa.array` would import pandas, 60 MB. A build of 100 labyrinths at 5x5 would take 25% longer, one

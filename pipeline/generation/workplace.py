@@ -12,8 +12,7 @@ from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.labyrinth_table import TABLE
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,

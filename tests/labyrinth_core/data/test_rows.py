@@ -12,7 +12,7 @@ import pytest
 
 from labyrinth_core.data.rows import open_shard, readable
 from pipeline.config.run import Run
-from pipeline.generation.table import arrow_schema
+from pipeline.generation.table import arrow_schema, read_schema
 
 
 @pytest.mark.slow

@@ -122,7 +122,7 @@ def test_routes_more_than_fit_are_as_many_as_fit(small_dataset: Run) -> None:
     episode = replay(labyrinth, [0] * 39 + [1] * 39)
     content.add(dump(labyrinth), Solution([episode], (moves, routes)), None)
     (fact,) = content.facts()
-    assert fact["optimal_routes"] == MOST_ROUTES
+    assert fact["optimal_routes"] == table.MOST_ROUTES
     assert (fact["turns"], fact["loops"], fact["dead_ends"]) == (1, 39 * 39, 0)
 
 
