@@ -24,7 +24,7 @@ from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
-from labyrinth_core.world.grid import whole
+from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-from labyrinth_core.world.grid import Action
+from labyrinth_core.world.dynamics import Action
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""

@@ -7,7 +7,7 @@ from itertools import chain, repeat
 from typing import NamedTuple
 
 from labyrinth_core.data.format import NO_ACTION
-from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic
+from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
