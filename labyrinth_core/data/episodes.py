@@ -19,7 +19,7 @@ from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.parse_many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.world.batch_labyrinths import Labyrinths, replay_many
+from labyrinth_core.world.batch import Labyrinths, replay_many
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions

@@ -32,9 +32,9 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.batch import tabulate
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
-from labyrinth_core.world.state_tables import tabulate
 
 if TYPE_CHECKING:
     from labyrinth_core.env.window import Window

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
+from labyrinth_core.world.batch import tabulate_many
 from labyrinth_core.world.batch_sampling import WORD, sample_each
 from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.state_tables import tabulate_many
 from labyrinth_core.world.tasks import default_start_and_goal
 
 FEWEST = 128

@@ -20,10 +20,9 @@ from labyrinth_core.pictures.vector import (
     show_states,
     tile_count,
 )
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Structures, Tables
 from labyrinth_core.world.dynamics import seen_together
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
-from labyrinth_core.world.state_tables import Tables
 
 LOOKS = tuple(Look)
 

@@ -38,9 +38,9 @@ from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world.batch import Tables, tabulate
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
-from labyrinth_core.world.state_tables import Tables, tabulate
 
 Mask = NDArray[np.bool_]
 Batch = NDArray[Any]

@@ -20,9 +20,9 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.world.batch import Tables, tabulate
 from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state_tables import Tables, tabulate
 
 Place = tuple[int, int]
 """The id of a labyrinth, and the number of a state in it as in `dynamics`."""

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.dynamics import State, neighbours, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 

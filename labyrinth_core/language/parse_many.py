@@ -8,8 +8,7 @@ import numpy as np
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.batch_labyrinths import Labyrinths
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Labyrinths, Structures
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 

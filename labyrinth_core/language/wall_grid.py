@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Labyrinth, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 

@@ -29,7 +29,7 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     seen_by,
 )
-from labyrinth_core.world.batch_labyrinths import Labyrinths
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_index, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 

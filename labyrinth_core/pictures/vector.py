@@ -12,8 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch_labyrinths import Labyrinths
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Labyrinths, Structures
 from labyrinth_core.world.dynamics import State, seen_together, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 

@@ -7,60 +7,16 @@ labyrinths of a single one. One at a time, sampling takes ten times as long.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import Structure, digits
+from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.sampling import BLOCK, cells_beside, default_open_walls, twelfths_of
 
 WORD = 64
 """The largest number of cells of which numpy holds a set in one integer."""
-
-
-@dataclass(frozen=True, eq=False)
-class Structures:
-    """Structures of one size, n of them."""
-
-    height: int
-    width: int
-    up: NDArray[np.bool_]
-    """Whether each cell has a passage to the cell above, shape (n, cells)."""
-    right: NDArray[np.bool_]
-    """Whether each cell has a passage to the cell at the right, shape (n, cells)."""
-
-    @classmethod
-    def of(cls, structures: Sequence[Structure]) -> Structures:
-        """Return structures of one size, at least one, together."""
-        height, width, cells = structures[0].height, structures[0].width, structures[0].cells
-        text = "".join(digits(each.up, cells) + digits(each.right, cells) for each in structures)
-        is_open = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2, cells) == ord("1")
-        return cls(height, width, is_open[:, 0], is_open[:, 1])
-
-    def __len__(self) -> int:
-        return len(self.up)
-
-    def __getitem__(self, place: int) -> Structure:
-        up, right = (
-            int.from_bytes(np.packbits(passages[place], bitorder="little").tobytes(), "little")
-            for passages in (self.up, self.right)
-        )
-        return Structure(self.height, self.width, up, right)
-
-    def moves(self) -> NDArray[np.int32]:
-        """Return `Structure.moves` of each: where the actions lead, shape (n, cells, 4)."""
-        moves = np.empty((*self.up.shape, 4), np.int32)
-        moves[:] = np.arange(self.height * self.width)[:, None]
-        for passages, step, onward, back in (
-            (self.up, self.width, Action.UP, Action.DOWN),
-            (self.right, 1, Action.RIGHT, Action.LEFT),
-        ):
-            moves[:, :, onward] += step * passages
-            moves[:, step:, back] -= step * passages[:, :-step]
-        return moves
 
 
 class Drawn(NamedTuple):

@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch_sampling import Structures
+from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.labyrinth import Structure, horizontal_edges, vertical_edges
 
 JOINED_WALLS = 3

@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
+from labyrinth_core.world.batch import Tables, tabulate, tabulate_many
 from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.dynamics import is_terminal, reward, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state_tables import Tables, tabulate, tabulate_many
 
 
 @given(labyrinths())

@@ -1,0 +1,281 @@
+"""Structures and labyrinths by the thousand, in arrays: rules, states, episodes, tables.
+
+In tables over numbered states, of one labyrinth or of many, a step is a look-up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.world.dynamics import (
+    GOAL_REWARD,
+    STEP_PENALTY,
+    Action,
+    State,
+    initial,
+    is_terminal,
+    reward,
+    state_count,
+    state_index,
+)
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Look, Structure, Task, digits
+from labyrinth_core.world.solver import optimal_actions, table_and_distances
+
+
+@dataclass(frozen=True, eq=False)
+class Structures:
+    """Structures of one size, n of them."""
+
+    height: int
+    width: int
+    up: NDArray[np.bool_]
+    """Whether each cell has a passage to the cell above, shape (n, cells)."""
+    right: NDArray[np.bool_]
+    """Whether each cell has a passage to the cell at the right, shape (n, cells)."""
+
+    @classmethod
+    def of(cls, structures: Sequence[Structure]) -> Structures:
+        """Return structures of one size, at least one, together."""
+        height, width, cells = structures[0].height, structures[0].width, structures[0].cells
+        text = "".join(digits(each.up, cells) + digits(each.right, cells) for each in structures)
+        is_open = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2, cells) == ord("1")
+        return cls(height, width, is_open[:, 0], is_open[:, 1])
+
+    def __len__(self) -> int:
+        return len(self.up)
+
+    def __getitem__(self, place: int) -> Structure:
+        up, right = (
+            int.from_bytes(np.packbits(passages[place], bitorder="little").tobytes(), "little")
+            for passages in (self.up, self.right)
+        )
+        return Structure(self.height, self.width, up, right)
+
+    def moves(self) -> NDArray[np.int32]:
+        """Return `Structure.moves` of each: where the actions lead, shape (n, cells, 4)."""
+        moves = np.empty((*self.up.shape, 4), np.int32)
+        moves[:] = np.arange(self.height * self.width)[:, None]
+        for passages, step, onward, back in (
+            (self.up, self.width, Action.UP, Action.DOWN),
+            (self.right, 1, Action.RIGHT, Action.LEFT),
+        ):
+            moves[:, :, onward] += step * passages
+            moves[:, step:, back] -= step * passages[:, :-step]
+        return moves
+
+
+@dataclass(frozen=True, eq=False)
+class Labyrinths:
+    """Labyrinths of one size, task and look, n of them, whose tiles have a cell each.
+
+    States are numbered as in `dynamics.state_index`.
+    """
+
+    structures: Structures
+    task: Task
+    look: Look
+    tiles: NDArray[np.int64]
+    """The cells of start and goal, with a key then of key and door, shape (n, 2) or (n, 4)."""
+    ice: NDArray[np.bool_]
+    """Whether there is ice in each cell, shape (n, cells)."""
+
+    def __len__(self) -> int:
+        return len(self.tiles)
+
+    def take(self, numbers: NDArray[np.int64]) -> Labyrinths:
+        """Return some of the labyrinths."""
+        up, right = (passages[numbers] for passages in (self.structures.up, self.structures.right))
+        return replace(
+            self,
+            structures=replace(self.structures, up=up, right=right),
+            tiles=self.tiles[numbers],
+            ice=self.ice[numbers],
+        )
+
+    def keep_the_rules(self) -> bool:
+        """Return whether each is what `Labyrinth` allows."""
+        count, cells = self.ice.shape
+        first = cells * np.arange(count)
+        onward = self.structures.moves().reshape(-1, 4) + np.repeat(first, cells)[:, None]
+        start, goal, *locked = (self.tiles + first[:, None]).T
+        kept = distances_from(onward, goal, np.flatnonzero(self.ice))[start] != UNREACHABLE
+        if locked:
+            key, door = locked
+            before_door = distances_from(onward, start, door) != UNREACHABLE
+            kept &= before_door[key] & ~before_door[goal]
+        return bool(kept.all())
+
+    def transitions(self) -> NDArray[np.int32]:
+        """Return the state that each action leads to, shape (n, states, 4).
+
+        States that cannot be have no meaning, as in `dynamics.transition_table`.
+        """
+        moves = self.structures.moves()
+        if self.task is not Task.KEY_AND_DOOR:
+            return moves
+        cells = self.ice.shape[1]
+        key, door = (self.tiles[:, place, None, None] for place in (2, 3))
+        stay = np.arange(cells, dtype=np.int32)[:, None]
+        without_key = np.where(moves == door, stay, moves) + cells * (moves == key)
+        with_key = cells + moves + cells * (moves == door)
+        return np.concatenate([without_key, with_key, 2 * cells + moves], axis=1, dtype=np.int32)
+
+    def terminal(self) -> NDArray[np.bool_]:
+        """Return whether an episode ends in each state, shape (n, states)."""
+        ends = self.ice.copy()
+        np.put_along_axis(ends, self.tiles[:, 1:2], True, axis=1)
+        return np.tile(ends, 3 if self.task is Task.KEY_AND_DOOR else 1)
+
+
+def replay_many(
+    labyrinths: Labyrinths,
+    which: NDArray[np.int64],
+    firsts: NDArray[np.int64],
+    actions: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+    """Return the states of episodes, one after the other, and whether each is terminal.
+
+    All episodes make a step at a time.
+
+    Args:
+        labyrinths: Labyrinths that keep the rules.
+        which: The number of each episode's labyrinth.
+        firsts: The place of the first state of each episode in the result, ascending from 0.
+        actions: The action taken in each state, 0 to 3; any in the last state of an episode.
+
+    Returns:
+        The numbers of the states and whether an episode ends in them, shape (len(actions),) each;
+        None if an episode goes on after its end.
+    """
+    transitions, terminal = labyrinths.transitions(), labyrinths.terminal()
+    states_of_one = terminal.shape[1]
+    offset = states_of_one * which
+    onward = transitions.ravel()
+    ends = np.append(firsts[1:], len(actions))
+    longest_first = np.argsort(firsts - ends, kind="stable")
+    lengths = (ends - firsts)[longest_first]
+    place, offset = firsts[longest_first], offset[longest_first]
+    now = labyrinths.tiles[which[longest_first], 0]
+    states = np.empty(len(actions), np.int64)
+    for step in range(lengths[0]):
+        going = np.searchsorted(-lengths, -step)
+        place, offset, now = place[:going], offset[:going], now[:going]
+        states[place] = now
+        now = onward.take(4 * (offset + now) + actions.take(place))
+        place = place + 1
+    over = terminal.ravel()[states_of_one * np.repeat(which, ends - firsts) + states]
+    last = np.zeros(len(actions), np.bool_)
+    last[ends - 1] = True
+    return None if (over & ~last).any() else (states, over)
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """All that an environment says of a labyrinth, or of several, computed once.
+
+    Of several, each array has the labyrinths as another first axis.
+    """
+
+    initial: int
+    """Number of the state an episode begins in."""
+    transitions: NDArray[np.int32]
+    """Number of the state that each action leads to, shape (states, 4)."""
+    rewards: NDArray[np.float64]
+    """Reward of a step that leads to the state, shape (states,)."""
+    terminal: NDArray[np.bool_]
+    """Whether the episode ends in the state, shape (states,)."""
+    distances: NDArray[np.int64]
+    """Least moves to the goal, -1 where no route leads there, shape (states,)."""
+    optimal_actions: NDArray[np.bool_]
+    """Which actions begin a shortest route, shape (states, 4)."""
+
+
+def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
+    """Return the tables of a labyrinth; arrays are read-only.
+
+    Args:
+        labyrinth: The labyrinth to tabulate.
+        normalised: Whether the goal pays so much that an optimal episode returns exactly 1.
+    """
+    cells, count = labyrinth.structure.cells, state_count(labyrinth)
+    transitions, distance = table_and_distances(labyrinth)
+    first = initial(labyrinth)
+    start = state_index(labyrinth, first)
+    rewards = np.full(count, reward(labyrinth, first))
+    terminal = np.zeros(count, np.bool_)
+    for cell in (labyrinth.goal, *labyrinth.ice):
+        rewards[cell::cells] = reward(labyrinth, State(cell))
+        terminal[cell::cells] = is_terminal(labyrinth, State(cell))
+    if normalised:
+        rewards[labyrinth.goal :: cells] += (distance[start] - 1) * STEP_PENALTY / cells
+    arrays = (
+        np.array(transitions, np.int32),
+        rewards,
+        terminal,
+        np.array(distance, np.int64),
+        optimal_actions(labyrinth),
+    )
+    for array in arrays:
+        array.setflags(write=False)
+    return Tables(start, *arrays)
+
+
+def tabulate_many(
+    structures: Structures, start: int, goal: int, *, normalised: bool = False
+) -> Tables:
+    """Return the tables of labyrinths without tiles, in which a state is a cell.
+
+    Args:
+        structures: Their structures, which are connected.
+        start: Cell of the start of each.
+        goal: Cell of the goal of each.
+        normalised: As for `tabulate`.
+    """
+    count, cells = structures.up.shape
+    transitions = structures.moves()
+    onward = transitions + (cells * np.arange(count))[:, None, None]
+    distances = distances_from(onward.reshape(-1, 4), goal + cells * np.arange(count))
+    after = distances[onward]
+    distances = distances.reshape(count, cells)
+    rewards = np.full((count, cells), -STEP_PENALTY / cells)
+    rewards[:, goal] = GOAL_REWARD
+    if normalised:
+        rewards[:, goal] += (distances[:, start] - 1) * STEP_PENALTY / cells
+    terminal = np.zeros((count, cells), np.bool_)
+    terminal[:, goal] = True
+    optimal = after == distances[:, :, None] - 1
+    return Tables(start, transitions, rewards, terminal, distances, optimal)
+
+
+def distances_from(
+    onward: NDArray[np.int64],
+    origins: NDArray[np.int64],
+    blocked: NDArray[np.int64] | None = None,
+) -> NDArray[np.int64]:
+    """Return the least number of moves between each cell and an origin, breadth first, shape (N,).
+
+    Args:
+        onward: The cells that the four actions lead to from each cell, shape (N, 4).
+        origins: Some cells, one to a labyrinth.
+        blocked: Cells that no way leads through.
+    """
+    moves, distances = 0, np.full(len(onward), UNREACHABLE)
+    claims = np.empty(len(onward), np.int64)
+    border = origins
+    blocked = claims[:0] if blocked is None else blocked
+    distances[blocked] = 0
+    while len(border):
+        distances[border] = moves
+        moves += 1
+        beside = onward[border].ravel()
+        beside = beside[distances[beside] == UNREACHABLE]
+        # A cell beside two of the border goes on once: in the place that claimed it last.
+        places = np.arange(len(beside))
+        claims[beside] = places
+        border = beside[claims[beside] == places]
+    distances[blocked] = UNREACHABLE
+    return distances
