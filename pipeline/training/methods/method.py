@@ -196,7 +196,8 @@ class Learner(ABC):
 
     def see(self, *states: NDArray[np.int64]) -> Tensor:
         """Return the observations of states; of several, concatenated along the last axis."""
-        return torch.cat([self.problem.observations[self.tensor(each)] for each in states], -1)
+        seen = self.problem.observations  # Indexed by [] it would be ten times slower.
+        return torch.cat([seen.index_select(0, self.tensor(each)) for each in states], -1)
 
     def outputs(self, network: nn.Module) -> Tensor:
         """Return a network's outputs in all states, in evaluation mode, shape (S, outputs)."""

@@ -1,0 +1,166 @@
+"""Run what docs/studies/results.md still misses, one run after another, and keep each result.
+
+    python scripts/studies/run_queue.py --list
+    OMP_NUM_THREADS=1 nohup nice -n 19 python scripts/studies/run_queue.py --kept FOLDER &
+
+Results lie in FOLDER as in docs/results, with the hours of each run in `hours.csv`. A run that is
+kept in either is not repeated; one that was killed goes on from its checkpoint.
+"""
+
+from __future__ import annotations
+
+import argparse
+import resource
+import shlex
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "docs/results"
+HOURS = "hours.csv"
+"""The log, in the folder of the results: the path of each result, its hours of processor time, and
+its hours on the clock since the queue last began with it."""
+
+LONGEST = 2.0
+"""The hours of the longest run that the queue takes on; of longer ones the page gives the hours."""
+
+SIX = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
+THOUSAND = "data/thousand/5x5"
+
+DATASETS = (
+    "size=3",
+    "size=4",
+    "size=5",
+    "size=5 shifts=all data_dir=data/shifts",
+    "size=5 labyrinths=1000 data_dir=data/thousand",
+)
+"""What the runs learn from, and are evaluated on."""
+
+RESNET = {
+    "3x3": {"bc": 0.1, "dagger": 0.1, "iupe": 0.3, "bco": 0.4, "gail": 1.2, "sqil": 1.5},
+    "5x5": {"bc": 0.4, "dagger": 0.7, "iupe": 1.1, "bco": 1.3, "sqil": 1.9, "gail": 10.5},
+}
+"""Hours of each method with ResNet-18, estimated from some epochs; the least first."""
+
+AUTHORS = {
+    "3x3": {"dagger": (200, 0.4), "bco": (500, 0.8), "iupe": (500, 0.8)},
+    "5x5": {"dagger": (150, 0.5), "bco": (100, 0.6), "iupe": (100, 0.6)},
+    "4x4": {"dagger": (150, 0.5), "bco": (100, 0.6), "iupe": (100, 0.6)},
+}
+"""Epochs and hours of each method by the authors' protocol with batches of 8."""
+
+SEEDS = {"bc": 0.02, "dagger": 0.05, "iupe": 0.06, "sqil": 0.08, "bco": 0.07, "gail": 0.12}
+"""Hours of each method at 5x5 with one more seed, and its evaluation on a thousand labyrinths."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A run of the queue."""
+
+    kept: str
+    """Where its results lie in docs/results."""
+    hours: float
+    """What it takes on one core, estimated."""
+    options: str
+    """Those of training and evaluation."""
+    evaluate_on: str = ""
+
+    @property
+    def found(self) -> str:
+        """A pattern of what the stage `evaluate` leaves, from `runs` on."""
+        results = "results-*.json" if self.evaluate_on else "results.json"
+        return f"{self.kept.removesuffix('.json')}/{results}"
+
+    def commands(self) -> Iterator[str]:
+        """Yield the options of the two runs of the program that make it."""
+        own = f"{self.options} threads=1 run_dir={Path('runs', self.kept).parents[1]}"
+        yield f"{own} stages=train"
+        yield f"{own} stages=evaluate" + f" evaluate_on={self.evaluate_on}" * bool(self.evaluate_on)
+
+
+def planned() -> Iterator[Planned]:
+    """Yield all runs in their order: ResNet-18, the authors' protocol, more seeds."""
+    for config, methods in RESNET.items():
+        for method, hours in methods.items():
+            epochs = 150 if method == "gail" else 50
+            given = f"method={method} encoder=resnet18 method.epochs={epochs}"
+            name = f"runs/{config}/{method}-resnet18-seed0.json"
+            yield Planned(name, hours, f"size={config[0]} {given} method.evaluate_every=5")
+    for config, chosen in AUTHORS.items():
+        for method, (epochs, hours) in chosen.items():
+            given = f"method=scripts.studies.methods.authors.{method}:Method protocol=authors"
+            given += f" method.epochs={epochs} method.batch_size=8"
+            name = f"authors/runs/{config}/{method}-cnn-seed0-authors.json"
+            every = epochs // 5
+            yield Planned(name, hours, f"size={config[0]} {given} method.evaluate_every={every}")
+    for seed in range(5, 20):
+        for method, hours in SEEDS.items():
+            name = f"thousand/runs/5x5/{method}-cnn-seed{seed}.json"
+            given = f"size=5 data_dir=data/shifts method={method} seed={seed}"
+            yield Planned(name, hours, given, THOUSAND)
+
+
+def main() -> None:
+    """Run what is missing, or list all runs."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--kept", type=Path, default=RESULTS, help="where to keep the results")
+    parser.add_argument("--list", action="store_true", help="only list the runs and their hours")
+    given = parser.parse_args()
+    kept = given.kept.resolve()
+    missing = [
+        each
+        for each in planned()
+        if not any((folder / each.kept).exists() for folder in (RESULTS, kept))
+    ]
+    if given.list:
+        for each in missing:
+            print(f"{each.hours:5.2f} h{' (left out)' * (each.hours > LONGEST)}  {each.kept}")
+        return
+    # `subprocess.run` then kills what it waits for; a checkpoint is half a minute old at most.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
+    for options in DATASETS:
+        program(f"{options} stages=build")
+    for each in missing:
+        if each.hours <= LONGEST:
+            perform(each, kept)
+
+
+def perform(run: Planned, kept: Path) -> None:
+    """Train and evaluate, and keep the results and the hours; an error stops no other run."""
+    before, began = processor_seconds(), time.time()
+    print(f"{time.strftime('%d %b %H:%M:%S')}  {run.kept}", flush=True)
+    try:
+        for options in run.commands():
+            program(options)
+    except subprocess.CalledProcessError as error:
+        print(f"failed: {error}", flush=True)
+        return
+    (found,) = (ROOT / "runs").glob(run.found)
+    target = kept / run.kept
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copy(found, target.with_suffix(".part"))
+    target.with_suffix(".part").replace(target)
+    spent = processor_seconds() - before
+    with (kept / HOURS).open("a") as log:
+        log.write(f"{run.kept},{spent / 3600:.3f},{(time.time() - began) / 3600:.3f}\n")
+
+
+def processor_seconds() -> float:
+    """Return the processor time of all programs that have ended."""
+    used = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return used.ru_utime + used.ru_stime
+
+
+def program(options: str) -> None:
+    """Run the program with options, in the folder of the project."""
+    subprocess.run([sys.executable, "run.py", *shlex.split(options)], cwd=ROOT, check=True)
+
+
+if __name__ == "__main__":
+    main()
