@@ -193,10 +193,9 @@ class Sums:
         if overwrite:
             return
         if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
-            raise DatasetError(
-                f"{self.folder} is made with {differing}: {instead}, or give overwrite=true to "
-                "replace it"
-            )
+            made = f"made with {differing}" if self.key else "of an earlier version"
+            advice = f"{instead}, or give overwrite=true to replace it"
+            raise DatasetError(f"{self.folder} is {made}: {advice}")
         if others := self.others(files):
             raise DatasetError(
                 f"{_named([str(self.folder / name) for name in others])}: made or changed by "
