@@ -49,7 +49,7 @@ Key = Mapping[str, Any]
 """All that an artifact follows from, in plain types."""
 
 _OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
-_LINE = re.compile(r"^([0-9a-f]{64})  (\S.*)$", re.MULTILINE)
+_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Never outside.
 _EARLIER = re.compile(
     r"([^/]+/)?manifest\.json|pictures/[^/]+\.png|analysis\.json|.+-[0-9a-f]{8}\.json|index\.html|"
     r"leaderboard\.md|(runs|submissions)/.+\.json|[0-9a-f]{16}\.gif|labyrinth\.json|meta/info\.json|"
