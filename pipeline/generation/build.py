@@ -34,12 +34,12 @@ from pipeline.generation.shards import ShardJob, finished_shard, make_shard, not
 from pipeline.generation.tabulate import read_facts, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
+from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import console, say, summary, tracked
 from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
-from pipeline.machinery.own_files import is_litter
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""

@@ -43,10 +43,10 @@ from pipeline.generation.tabulate import FactsOfShard
 from pipeline.generation.write import arrow_schema, no_garbage_collection
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
+from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import current_versions
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.own_files import is_litter
 
 PROBLEMS_SHOWN = 20
 
