@@ -229,10 +229,10 @@ def _files(path: Path) -> dict[str, Path]:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a file; of sums, without that of the card."""
+    """Return the bytes of a file; of sums, without comments and that of the card."""
     content = path.read_bytes()
     if path.name == "SHA256SUMS":
-        return re.sub(rb"(?m)^\w+  README\.md\n", b"", content)
+        return re.sub(rb"(?m)^(#.*|\w+  README\.md)\n", b"", content)
     return content
 
 

@@ -148,11 +148,16 @@ class Results:
         Raises:
             ValueError: The name is empty, or another argument has a value that is not allowed.
         """
-        content = self.to_json(Description(name, author, url, date, budget, details or {}))
-        rules_of(content)  # What could not be read again is not written.
+        text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, _as_text(content))
+        write_text(place, text)
+
+    def to_text(self, about: Description) -> str:
+        """Return the content of the file that `save` writes; raise ValueError as it does."""
+        content = self.to_json(about)
+        rules_of(content)  # What could not be read again is not written.
+        return _as_text(content)
 
     @classmethod
     def load(

@@ -102,6 +102,12 @@ class Split:
             "exported_by": f"labyrinth-datasets {__version__}",
         }
 
+    @property
+    def key(self) -> dict[str, Any]:
+        """Its record, in which the options of the dataset are like the others."""
+        record = self.record()
+        return {**record.pop("config"), **record}
+
     def episodes(self) -> Iterator[LoadedEpisode]:
         """Yield its episodes in order, under a progress bar.
 

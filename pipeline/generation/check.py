@@ -48,10 +48,10 @@ from pipeline.generation.table import (
 )
 from pipeline.inspection.front_matter import questions_of
 from pipeline.inspection.routes import routes_of
+from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.own_files import is_litter
 
 PROBLEMS_SHOWN = 20
 

@@ -13,7 +13,7 @@ from itertools import chain, islice, zip_longest
 from typing import Any, NamedTuple
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.rows import check_file, check_footer, readable
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import (
@@ -24,9 +24,9 @@ from labyrinth_core.evaluation.questions import (
 )
 from pipeline.config.run import Run
 from pipeline.generation.table import arrow_schema, read_schema
-from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.inspection.routes import routes_of
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
@@ -64,38 +64,27 @@ def run(run: Run) -> None:
             a user's files are in the place of the questions.
         OSError: The folder cannot be written.
     """
-    name = questions_config(run.dataset.name)
-    with held(run.data_dir, name):
-        manifest = Manifest.read(run.folder)
-        place = Workplace.of(run.data_dir / name)
-        place.recover()
-        there = front_matter.questions_of(run.data_dir, manifest)
-        if there is None or place.lacks(there):
-            place.refuse_others_files()
-            there = _make(run, manifest, place)
-            state = f"has {sum(shard.rows for shard in there.shards):,} questions"
-        else:
-            state = "is there already"
+    manifest, folder = Manifest.read(run.folder), run.data_dir / questions_config(run.dataset.name)
+    key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
+    is_other = front_matter.questions_of(run.data_dir, manifest) is None  # Then it is of no use.
+    names = [MANIFEST, *(job.shard.path for job in _jobs(run.folder, manifest, folder))]
+    rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
+    with produced(folder, key, overwrite=is_other, **rules) as made:
+        state = "is there already" if made is None else _make(run, manifest, made)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)
-    say(f"{run.data_dir / name} {state}.")
+    say(f"{folder} {state}.")
 
 
-def _make(run: Run, manifest: Manifest, place: Workplace) -> Manifest:
-    """Make the questions about a dataset, whole or not at all; return their manifest."""
-    try:
-        place.prepare(manifest.config)
-        jobs = _jobs(run.folder, manifest, place.shards)
-        write = partial(_write, scratch=place.building)
-        made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
-        total = sum(job.shard.labyrinths for job in jobs)
-        shards = tuple(tracked(made, "questions", total=total))
-        questions = Manifest(manifest.config, build_versions(), shards, format=manifest.format)
-        place.commit(questions)
-    except BaseException:
-        place.abandon()
-        raise
-    return questions
+def _make(run: Run, manifest: Manifest, folder: AnyPath) -> str:
+    """Make the questions about a dataset in a folder; return how many there are, in words."""
+    jobs = _jobs(run.folder, manifest, folder)
+    write = partial(_write, scratch=folder.parent)
+    made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
+    total = sum(job.shard.labyrinths for job in jobs)
+    shards = tuple(tracked(made, "questions", total=total))
+    Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
+    return f"has {sum(shard.rows for shard in shards):,} questions"
 
 
 def _jobs(dataset: AnyPath, manifest: Manifest, folder: AnyPath) -> list[Job]:

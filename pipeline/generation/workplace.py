@@ -22,10 +22,9 @@ from labyrinth_core.data.storage import (
     temporaries,
     write_text,
 )
-from pipeline.inspection.statistics import own_files
+from pipeline.machinery.artifact import HASHES, Sums, is_litter
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
-from pipeline.machinery.own_files import HASHES, is_litter
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -75,7 +74,7 @@ class Workplace:
         store, once a build has begun, which was refused before if there were other files, shards
         are those of the build.
         """
-        own = own_files(self.folder)
+        own = Sums.read(self.folder)
         names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         with suppress(DatasetError):

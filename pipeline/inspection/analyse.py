@@ -27,8 +27,8 @@ from pipeline.inspection.leakage import NEAR, Leakage, find_leakage
 from pipeline.inspection.measures import compare
 from pipeline.inspection.shift import PERMUTATIONS
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import console, say
-from pipeline.machinery.own_files import leave
 
 FORMAT = 1
 """The format of `analysis.json`."""
@@ -71,7 +71,7 @@ def _analyse(run: Run) -> Iterator[str]:
             "measures": [shift.to_json() for shift in shifts],
         },
     }
-    leave(folder, {ANALYSIS: _as_text(content).encode()}, ANALYSIS)
+    leave(folder, {ANALYSIS: _as_text(content).encode()})
     yield from _leaks(leakage, {})
     yield f"{folder / ANALYSIS} has near-twins and tests of shift."
 
@@ -116,7 +116,7 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         "files": found.files,
     }
     name = _name_of(source, config)
-    leave(run.data_dir / FOLDER, {name: _as_text(content).encode()}, r".+\.json")
+    leave(run.data_dir / FOLDER, {name: _as_text(content).encode()})
     path = run.data_dir / FOLDER / name
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)

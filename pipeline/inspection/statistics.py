@@ -29,7 +29,6 @@ from pipeline.inspection.certificate import Certificate, Keys, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.own_files import OwnFiles
 
 MOST_NAMED = 20
 """The most labyrinths shared by two splits that are named, of each kind."""
@@ -140,15 +139,6 @@ def count_dataset(
         keep(shard.split, counted.content)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
     return DatasetStatistics(manifest, splits, certificate)
-
-
-def own_files(folder: AnyPath) -> OwnFiles:
-    """Return the files that stages have left in the folder of a dataset, beside the dataset.
-
-    Raises:
-        DatasetError: There is a SHA256SUMS of another program.
-    """
-    return OwnFiles.read(folder, always=ANALYSIS)
 
 
 def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:

@@ -18,9 +18,9 @@ from labyrinth_core.data.storage import AnyPath
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
-from pipeline.machinery.own_files import OwnFiles
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import FIGURES, banner
@@ -30,7 +30,6 @@ from pipeline.release.files import (
     CROISSANT,
     EVAL,
     README,
-    own_files,
     write_hashes,
 )
 from pipeline.release.provenance import Release
@@ -105,7 +104,7 @@ def _write_card(
     data_dir: AnyPath, release: Release, workers: int, first: Callable[[], None]
 ) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
-    own = own_files(data_dir)
+    own = Sums.read(data_dir)
     versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
     datasets = _without_leaks(data_dir, workers)
     manifests = [dataset.manifest for dataset in datasets]
@@ -154,7 +153,7 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
     return drawn
 
 
-def _gone(own: OwnFiles, files: Mapping[str, bytes]) -> list[str]:
+def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are not drawn any more, and the task of questions that are gone."""
     picture = re.compile(rf"{readme.PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
     left = [name for name, _ in own.hashes if picture.fullmatch(name) or name == EVAL]

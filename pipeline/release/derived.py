@@ -25,9 +25,9 @@ from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
+from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.markdown import table
-from pipeline.machinery.own_files import OwnFiles
 from pipeline.release.model import published_dataset
 from pipeline.release.plan import LEROBOT, MINARI
 from pipeline.release.provenance import code, command_lines
@@ -97,7 +97,7 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
         DatasetError: There is none, or it is damaged, or of another dataset or other options.
     """
     source, size = run.export_folder / f"{split}-v{VERSION}", run.options.export.image_size
-    own = OwnFiles.read(source, always=RECORD)
+    own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
         raise DatasetError(f"{source} holds no whole export: stages=export makes it")
     record: dict[str, Any] = json.loads((source / RECORD).read_bytes())

@@ -6,26 +6,17 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery.own_files import HASHES, OwnFiles, write_list
+from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.release.figures import FIGURES
 from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, picture_path
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
-
-
-def own_files(data_dir: AnyPath) -> OwnFiles:
-    """Return the files that the stage `card` has left in a folder.
-
-    Raises:
-        DatasetError: There is a SHA256SUMS of another program.
-    """
-    return OwnFiles.read(data_dir, always=DATASET.listed)
 
 
 def pictures_of(configs: Sequence[str]) -> list[str]:
@@ -44,14 +35,14 @@ def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
         DatasetError: An analysis is damaged, or SHA256SUMS is another program's.
     """
     if kind is DATASET:
-        names = _published(own_files(folder), front_matter.finished(folder))
+        names = _published(Sums.read(folder), front_matter.finished(folder))
     else:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file())
         names = [path.relative_to(folder).as_posix() for path in files]
     return {name: folder / name for name in names}
 
 
-def _published(own: OwnFiles, manifests: Sequence[Manifest]) -> list[str]:
+def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
     """Return the paths in a folder of all files of its finished datasets and their card."""
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
@@ -80,7 +71,7 @@ def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
             yield f"{path.name}/" if path.is_dir() else path.name
 
 
-def write_hashes(own: OwnFiles, manifests: Sequence[Manifest]) -> None:
+def write_hashes(own: Sums, manifests: Sequence[Manifest]) -> None:
     """Write SHA256SUMS, after all other files, of which `own` are those of the card."""
     # Those of the shards have just been checked.
     known = {
@@ -90,4 +81,4 @@ def write_hashes(own: OwnFiles, manifests: Sequence[Manifest]) -> None:
     }
     names = [name for name in _published(own, manifests) if name != HASHES]
     digests = [known.get(name) or file_sha256(own.folder / name) for name in names]
-    write_list(own.folder, zip(names, digests, strict=True))
+    Sums(own.folder, made=frozenset(zip(names, digests, strict=True))).write()

@@ -27,8 +27,8 @@ from labyrinth_core.data.hub import limit_silence
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
+from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.own_files import list_all
 from pipeline.release.card import write_card
 from pipeline.release.derived import KINDS as EXPORTS
 from pipeline.release.derived import loading, stage_environment, stage_export
@@ -65,7 +65,7 @@ def run(run: Run) -> None:
         with explained(repo_id), tempfile.TemporaryDirectory(prefix="labyrinth-release-") as place:
             folder = Path(place)
             stage(folder)
-            list_all(folder)
+            Sums.of(folder).write()
             if _release(remote_of(api, repo_id, kind), options, folder, partial(_staged, folder)):
                 say(load)
 

@@ -13,7 +13,7 @@ from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from pipeline.machinery.own_files import HASHES, OwnFiles
+from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.release.faults import FAULTS, NO_TOKEN, PublishError, repeated, status_of
 from pipeline.release.plan import Kind
 
@@ -98,10 +98,12 @@ class Remote:
             files: Some of its files, as from `tree`.
         """
         try:
-            own = OwnFiles.read(self.download(HASHES, commit).parent, self.kind.listed)
+            own = Sums.read(self.download(HASHES, commit).parent)
         except (EntryNotFoundError, DatasetError):  # There is none, or somebody else's.
             return set()
         listed = {name for name, _ in own.hashes}
+        if not any(re.fullmatch(self.kind.listed, name) for name in listed):
+            return set()  # It is of a repository of another kind.
         for path in files:
             if path in listed and len(files[path]) != 64:  # Git has another hash of it.
                 self.download(path, commit)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
@@ -21,8 +20,8 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from pipeline.config.run import Run
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
-from pipeline.machinery.own_files import leave
 from pipeline.report.findings import read_results
 from pipeline.report.packing import PackedSplit, pack
 
@@ -89,7 +88,7 @@ def write_report(
     manifests = [of.manifest for of in found]
     html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
     folder = data_dir / FOLDER
-    leave(folder, {PAGE: html.encode()}, re.escape(PAGE))
+    leave(folder, {PAGE: html.encode()})
     return folder / PAGE
 
 

@@ -14,7 +14,7 @@ from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
 from pipeline.config.run import Run
 from pipeline.config.training import SUBMISSIONS, check_run
-from pipeline.machinery.own_files import OwnFiles, leave
+from pipeline.machinery.artifact import Sums, leave
 from pipeline.results.figures import run_of
 from pipeline.results.paper import METHODS, title_of
 
@@ -23,9 +23,6 @@ AUTHOR = "Labyrinth datasets"
 
 RUNS = "runs"
 """The folder of the files of runs, below that of the tables; the others are in `SUBMISSIONS`."""
-
-LISTED = rf"README\.md|leaderboard\.md|({RUNS}|{SUBMISSIONS})/.+\.json"
-"""A pattern of what SHA256SUMS always lists there."""
 
 
 class Available:
@@ -116,14 +113,14 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
         kind = SUBMISSIONS if results.run is None else RUNS
         found[f"{kind}/{place[0]}/{place[1]}.json"] = path
     files = {name: path.read_bytes() for name, path in found.items()}
-    for name in OwnFiles.read(results_dir, LISTED).others(files):
+    for name in Sums.read(results_dir).others(files):
         refused.append(
             f"{found[name]} is not copied: somebody else made or changed {results_dir / name}; "
             "move that away"
         )
         del files[name]
     if files:
-        leave(results_dir, files, LISTED)
+        leave(results_dir, files)
     return refused
 
 

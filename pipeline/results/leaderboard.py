@@ -16,10 +16,10 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.markdown import count, plain, table
-from pipeline.machinery.own_files import leave
 from pipeline.results.figures import Figures, MethodRuns, run_of
-from pipeline.results.kept import AUTHOR, LISTED, Available
+from pipeline.results.kept import AUTHOR, Available
 from pipeline.results.paper import title_of
 from pipeline.results.result_tables import aer_cell, percent_cell
 from pipeline.results.spreadsheet import as_csv
@@ -164,13 +164,13 @@ def _ranked(entries: Sequence[Entry]) -> list[Entry]:
 
 
 def write_leaderboard(folder: Path, boards: Sequence[Sequence[Entry]]) -> None:
-    """Write `leaderboard.md` and `leaderboard.csv` into a folder; raise as `own_files.leave`."""
+    """Write `leaderboard.md` and `leaderboard.csv` into a folder; raise as `artifact.leave`."""
     parts = [ABOUT]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
     csv = csv_of([e for entries in boards for e in entries])
     files = {LEADERBOARD: "\n".join(parts).encode(), "leaderboard.csv": csv.encode()}
-    leave(folder, files, LISTED)
+    leave(folder, files)
 
 
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:

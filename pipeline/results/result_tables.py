@@ -12,12 +12,11 @@ from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.markdown import plain, table
-from pipeline.machinery.own_files import leave
 from pipeline.results import spreadsheet
 from pipeline.results.comparison import across_sizes, pairs_of_methods, rates_of
 from pipeline.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, gap, run_of
-from pipeline.results.kept import LISTED
 from pipeline.results.paper import PaperFigure, name_of, paper_figures
 
 MARK = "†"
@@ -45,14 +44,14 @@ in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
 
 
 def write_tables(folder: Path, methods: Sequence[MethodRuns]) -> None:
-    """Write `README.md` and `results.csv` into a folder; raise as `own_files.leave`."""
+    """Write `README.md` and `results.csv` into a folder; raise as `artifact.leave`."""
     parts = [ABOUT]
     for (config, setup), group in groupby(methods, lambda each: (each.config, each.setup)):
         parts.append(f"## {plain(f'{config}, {setup}')}\n")
         parts += [part + "\n" for part in markdown(list(group))]
     parts += across_sizes(methods)
     files = {"README.md": "\n".join(parts), "results.csv": as_csv(methods)}
-    leave(folder, {name: text.encode() for name, text in files.items()}, LISTED)
+    leave(folder, {name: text.encode() for name, text in files.items()})
 
 
 def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:

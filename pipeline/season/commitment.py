@@ -20,7 +20,7 @@ from typing import Any
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import read_json, write_text
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
 from pipeline.config.run import Run
 from pipeline.generation.build import build
@@ -72,6 +72,11 @@ class Place:
     def judged(self) -> Path:
         """The list of what was judged, in public."""
         return self.public / "judged.json"
+
+    @property
+    def lock(self) -> tuple[Path, str]:
+        """The lock of the list of what was judged."""
+        return self.public.parent, f"{self.public.name}.judged"
 
     @property
     def revealed(self) -> Path:
@@ -137,13 +142,9 @@ class Season:
             raise DatasetError(f"{place.season} is no season: {one_line(error):.300}") from error
         return season
 
-    def write(self, place: Place) -> None:
-        """Write the season, whole or not at all."""
-        place.public.mkdir(parents=True, exist_ok=True)
-        write_text(
-            place.season,
-            json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n",
-        )
+    def to_text(self) -> str:
+        """Return the content of its file."""
+        return json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n"
 
     def require_secret(self, path: Path) -> bytes:
         """Return the secret in a file; raise DatasetError if it is not the one committed to."""

@@ -9,24 +9,23 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 from collections.abc import Mapping
 from dataclasses import asdict, replace
 from math import log, sqrt
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.storage import read_json, write_bytes, write_text
+from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.description import Description, Judgement
-from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
 from labyrinth_core.evaluation.schema import SHARE, Each, Text, check_shape
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.season.commitment import Place, Season, dataset
@@ -71,7 +70,7 @@ def run(run: Run) -> None:
     if place.revealed.exists():
         raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
     secret = season.require_secret(place.secret)
-    with held(place.public.parent, place.public.name), fetched(named) as submission:
+    with held(*place.lock), fetched(named) as submission:
         rows = read_rows(place)
         before = next((each for each in rows if _is_of(each, submission)), None)
         config = season.dataset_of(secret)
@@ -146,10 +145,7 @@ def judged(
         version=judgement.versions["labyrinth-datasets"],
         judged=judgement,
     )
-    with TemporaryDirectory(prefix="labyrinth-season-") as folder:
-        path = Path(folder) / RESULTS
-        results.save(path, name=submission.named)
-        content = path.read_bytes()
+    content = results.to_text(Description(submission.named)).encode()
     row = {name: value for name, value in asdict(judgement).items() if name in _ROW}
     row["figures"] = {
         split: {"spl": round(scores.spl, _DECIMALS), "sr": round(scores.sr, _DECIMALS)}
@@ -162,9 +158,11 @@ def judged(
 def _keep(place: Place, number: int, submission: Submission, content: bytes) -> None:
     """Keep results, and the files of a submission that only the judge has, out of sight."""
     place.private.mkdir(mode=0o700, exist_ok=True)
-    write_bytes(place.private / f"{number}.json", content)
+    files = {f"{number}.json": content}
     if submission.commit is None:
-        shutil.copytree(submission.folder, place.private / str(number), dirs_exist_ok=True)
+        paths = submission.folder.iterdir()
+        files |= {f"{number}/{path.name}": path.read_bytes() for path in paths}
+    leave(place.private, files)
 
 
 def read_rows(place: Place) -> list[Row]:
@@ -184,4 +182,5 @@ def read_rows(place: Place) -> list[Row]:
 
 def _write_rows(place: Place, season: Season, rows: list[Row]) -> None:
     content = {"season": season.name, "judged": rows}
-    write_text(place.judged, json.dumps(content, indent=2, ensure_ascii=False) + "\n")
+    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
+    leave(place.public, {place.judged.name: text.encode()}, overwrite=True)  # It has been read.

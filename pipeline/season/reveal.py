@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import shutil
-
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.season.commitment import Place, Season
@@ -22,19 +21,17 @@ def run(run: Run) -> None:
     place = Place.of(run)
     season = Season.read(place)
     secret = season.require_secret(place.secret)
-    with held(place.public.parent, place.public.name):
+    files = {}
+    with held(*place.lock):
         for number, row in enumerate(read_rows(place), 1):
             kept = place.private / f"{number}.json"
             if not kept.is_file() or file_sha256(kept) != row["results_sha256"]:
                 raise DatasetError(f"{kept} does not hold the results that {place.judged} names")
-            (place.public / "results").mkdir(exist_ok=True)
-            write_bytes(place.public / "results" / kept.name, kept.read_bytes())
-            if row["commit"] is None:
-                files = place.private / str(number)
-                shutil.copytree(
-                    files, place.public / "submissions" / str(number), dirs_exist_ok=True
-                )
-        write_text(place.revealed, secret.hex() + "\n")
+            files[f"results/{kept.name}"] = kept.read_bytes()
+            for path in (place.private / str(number)).iterdir() if row["commit"] is None else ():
+                files[f"submissions/{number}/{path.name}"] = path.read_bytes()
+        files[place.revealed.name] = f"{secret.hex()}\n".encode()
+        leave(place.public, files)
     say(f"{place.public} is revealed: publish it, and stages=verify checks it anywhere.")
     seed = season.dataset_of(secret).seed
     say(f"The dataset is that of seed={seed}, with the options in {place.season}.")

@@ -7,11 +7,11 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import naming
+from labyrinth_core.data.storage import naming, write_text
 from pipeline.config.errors import check
 from pipeline.config.run import Run
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
 from pipeline.season.commitment import (
     LEAST,
     SECRET_BYTES,
@@ -33,20 +33,24 @@ def run(run: Run) -> None:
     place, options = Place.of(run), run.options.season
     count = run.dataset.labyrinths
     check(count >= LEAST, f"labyrinths={count}: give {LEAST} or more, since fewer can be guessed")
-    with held(place.public.parent, place.public.name):
-        if place.public.exists():
-            raise DatasetError(f"{place.public} exists: choose another season.name")
-        secret = os.urandom(SECRET_BYTES)
-        _keep(place.secret, secret)
-        try:
+    exists = DatasetError(f"{place.public} exists: choose another season.name")
+    if place.public.exists():
+        raise exists
+    secret, is_kept = os.urandom(SECRET_BYTES), False
+    try:
+        with produced(place.public, {"season": options.name}) as made:
+            if made is None:  # By another process, which was waited for.
+                raise exists
+            _keep(place.secret, secret)
+            is_kept = True
             seed = seed_of(secret, without_seed(run.dataset))
             with dataset(run, replace(run.dataset, seed=seed)) as (_, manifest):
                 season = Season.of(options.name, options.date, secret, manifest)
-            season.write(place)
-        except BaseException:
-            if not place.season.exists():
-                place.secret.unlink()
-            raise
+            write_text(made / place.season.name, season.to_text())
+    except BaseException:
+        if is_kept and not place.season.exists():
+            place.secret.unlink()
+        raise
     say(
         f"{place.season}: publish this folder now. {place.secret} holds the secret: keep it, and "
         "show it to no one until stages=reveal publishes it."

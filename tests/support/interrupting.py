@@ -7,13 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from crashing import CrashError
 
 from labyrinth_core.data.manifest import Shard
 from pipeline.generation import build, workplace
-
-
-class CrashError(BaseException):
-    """The end of a process, as far as the build is concerned."""
 
 
 @contextmanager

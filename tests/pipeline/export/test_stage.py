@@ -24,7 +24,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS
 from pipeline.config.run import Run
 from pipeline.export import stage
-from pipeline.machinery.own_files import HASHES
+from pipeline.machinery.artifact import HASHES
 
 FORMATS = tuple(EXPORTS)
 
@@ -56,7 +56,8 @@ def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
 ):
     folder = export(small_dataset, tmp_path, "lerobot", "train")
     before = content_of(folder)
-    with pytest.raises(ConfigError, match=r"train-v0 is an export .*: overwrite=true replaces it"):
+    reason = "train-v0 is made with image_size=40, not 8: choose another .*, or give overwrite=true"
+    with pytest.raises(DatasetError, match=reason):
         export(small_dataset, tmp_path, "lerobot", "train", image_size=8)
     assert content_of(folder) == before
     export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
@@ -82,9 +83,8 @@ def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, name)
     theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0" / name
     theirs.parent.mkdir(parents=True)
     theirs.write_text("mine")
-    first = name.partition("/")[0]
-    message = f"test-v0 holds {first}, which no export has: move it elsewhere, or choose"
-    with pytest.raises(ConfigError, match=message):
+    message = f"test-v0 holds {name}, which would be lost: move it elsewhere, or choose"
+    with pytest.raises(DatasetError, match=message):
         export(small_dataset, tmp_path, "lerobot", overwrite=True)
     assert content_of(tmp_path) == {f"lerobot/labyrinth/3x3/test-v0/{name}": b"mine"}
 
@@ -101,8 +101,8 @@ def test_a_file_of_a_person_in_an_export_stops_what_would_replace_it(
         (made / name).parent.mkdir(exist_ok=True)
         (made / name).write_text("mine")
     before = content_of(tmp_path)
-    reason = f"train-v0 holds {name.partition('/')[0]}, which no export has: move it elsewhere"
-    with pytest.raises(ConfigError, match=reason):
+    reason = f"train-v0 holds {name.removesuffix('/')}, which would be lost: move it elsewhere"
+    with pytest.raises(DatasetError, match=reason):
         export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
     assert content_of(tmp_path) == before
 
@@ -130,8 +130,24 @@ def test_a_file_of_a_person_in_a_finished_export_stays_and_stops_no_other(
     assert "train-v0 is there already" in capsys.readouterr().out
     assert (made / "notes.txt").read_text() == "mine"
     (made / "meta/info.json").unlink()
-    with pytest.raises(ConfigError, match=r"train-v0 holds notes\.txt, which no export has"):
+    with pytest.raises(DatasetError, match=r"train-v0 holds notes\.txt, which would be lost"):
         export(small_dataset, tmp_path, "lerobot", "train", "test")
+
+
+def test_an_export_of_an_earlier_version_is_replaced_only_when_that_is_asked_for(
+    small_dataset: Run, tmp_path
+):
+    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
+    before = content_of(made)
+    listed = "".join(
+        f"{each}\n" for each in (made / HASHES).read_text().splitlines() if each[0] != "#"
+    )
+    (made / HASHES).write_text(listed)
+    with pytest.raises(DatasetError, match=r"train-v0 is of an earlier version: .*overwrite=true"):
+        export(small_dataset, tmp_path, "lerobot", "train")
+    assert (made / HASHES).read_text() == listed
+    export(small_dataset, tmp_path, "lerobot", "train", overwrite=True)
+    assert content_of(made) == before
 
 
 @pytest.mark.slow

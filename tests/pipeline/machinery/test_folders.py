@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
-from typing import Any
 
 import pytest
-from interrupting import CrashError
+from crashing import Crash, CrashError
 from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of
 
@@ -49,27 +46,6 @@ def test_another_error_is_not_hidden(tmp_path: Path) -> None:
     with no_folder_is_renamed(13), pytest.raises(PermissionError):
         move_into_place(made, place, MARK)
     assert (place / "old").exists()
-
-
-class Crash:
-    """Let the process end before one of the changes of files, counted from one."""
-
-    def __init__(self, patch: pytest.MonkeyPatch, change: int) -> None:
-        self.left = change
-        for owner, name in (
-            *((Path, name) for name in ("replace", "unlink", "mkdir")),
-            *((shutil, name) for name in ("rmtree", "copy2")),
-        ):
-            patch.setattr(owner, name, self.before(getattr(owner, name)))
-
-    def before(self, act: Callable[..., Any]) -> Callable[..., Any]:
-        def acting(*given: Any, **options: Any) -> Any:
-            self.left -= 1
-            if self.left <= 0:  # Afterwards nothing is tidied up.
-                raise CrashError
-            return act(*given, **options)
-
-        return acting
 
 
 @pytest.mark.parametrize("error", [0, ERRORS[0]])

@@ -19,7 +19,7 @@ from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from pipeline.inspection.counts import count_routes
 from pipeline.inspection.routes import routes
 from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery.own_files import HASHES
+from pipeline.machinery.artifact import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.files import files_of
 from pipeline.release.plan import DATASET

@@ -18,6 +18,7 @@ from seasons import Performer
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.artifact import HASHES
 from pipeline.season.commitment import Season, seed_of, without_seed
 from pipeline.season.submission import fetched
 
@@ -132,7 +133,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
     names = ["1.json", "judged.json", "policy.safetensors", "run.json", "season.json"]
-    assert sorted(path.name for path in contents) == names
+    assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
     told += [str(seed).encode(), f"{seed:x}".encode(), seed.to_bytes(8, "big")]

@@ -1,0 +1,375 @@
+"""Artifacts: folders that appear whole, and list their files and what they are made from.
+
+`SHA256SUMS` lists the files that are ours, for `sha256sum -c` as well. Its comments hold the key:
+the inputs that the files follow from. A file that is not listed, or is listed with another hash,
+belongs to the user: it is neither written over, nor removed, nor published.
+
+A folder of its own is `produced`: made beside its place, and moved there once it is finished. Into
+a folder that is shared with a person, `leave` writes single files.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path, PurePath
+from typing import Any, TypeVar
+
+from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    file_sha256,
+    size_and_time,
+    temporaries,
+    temporary_beside,
+    write_bytes,
+    write_text,
+)
+from pipeline.machinery.console import say
+from pipeline.machinery.folders import (
+    followed,
+    held,
+    move_into_place,
+    recover,
+    remove,
+    wait_for_disk,
+)
+
+HASHES = "SHA256SUMS"
+"""The name of the list."""
+
+Key = Mapping[str, Any]
+"""All that an artifact follows from, in plain types."""
+
+_OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
+_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Never outside.
+_EARLIER = re.compile(
+    r"([^/]+/)?manifest\.json|pictures/[^/]+\.png|analysis\.json|.+-[0-9a-f]{8}\.json|index\.html|"
+    r"leaderboard\.md|(runs|submissions)/.+\.json|[0-9a-f]{16}\.gif|labyrinth\.json|meta/info\.json|"
+    r"namespace_metadata\.json|model\.safetensors|env\.py"
+)
+"""A list that names one of these files, and does not begin with our comment, is ours of earlier."""
+
+_LITTER = (
+    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),
+    *(".nfs*", ".fuse_hidden*"),
+    *(".ipynb_checkpoints", "cache-*.arrow"),
+)
+"""Patterns, in lower case, of files and folders that desktops, network file systems and readers
+(Jupyter, `datasets`) leave anywhere."""
+
+_UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
+"""The name of a file of `temporary_beside`, which a process was writing when it was killed."""
+
+
+def is_litter(path: str | PurePath) -> bool:
+    """Return whether a path within a folder is that of a file that nobody misses: see `_LITTER`."""
+    parts = [part.lower() for part in PurePath(path).parts]
+    return any(fnmatchcase(part, pattern) for part in parts for pattern in _LITTER)
+
+
+@dataclass(frozen=True)
+class Sums:
+    """The files of a folder that are ours, each as a pair of name and SHA-256."""
+
+    folder: AnyPath
+    key: Key | None = None
+    """What the folder is made from; None if that is not known."""
+    made: frozenset[tuple[str, str]] = frozenset()
+    """The files without which it is damaged."""
+    left: frozenset[tuple[str, str]] = frozenset()
+    """Other files that stages have left in it; while they are replaced, old and new ones."""
+
+    @classmethod
+    def read(cls, folder: AnyPath) -> Sums:
+        """Return the list of a folder; no file is ours where there is no list.
+
+        Raises:
+            DatasetError: The list is another program's.
+        """
+        path = folder / HASHES
+        try:
+            text = path.read_bytes().decode(errors="replace")
+        except (FileNotFoundError, NotADirectoryError):
+            return cls(folder)
+        parts = text.partition(f"{_LEFT}\n")[::2]
+        made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
+        others = [line for line in _LINE.sub("", text).splitlines() if line]
+        try:
+            is_earlier = not others and any(_EARLIER.fullmatch(name) for name, _ in made)
+            if others[:1] != [_OURS] and not is_earlier:
+                raise ValueError("its first line is not ours")
+            keys = [line.removeprefix(_MADE) for line in others if line.startswith(_MADE)]
+            return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
+        except MALFORMED as error:
+            message = f"{path} is somebody else's: move it away, or choose another folder"
+            raise DatasetError(message) from error
+
+    @classmethod
+    def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
+        """Return the list of all files of a folder; it is damaged without those of `names`."""
+        hashes = {(n, file_sha256(folder / n)) for n in _names_in(folder) if n != HASHES}
+        made = frozenset(each for each in hashes if not names or each[0] in names)
+        return cls(folder, key, made, frozenset(hashes - made))
+
+    def write(self) -> None:
+        """Write the list, whole or not at all."""
+        lines = [_OURS, *([] if self.key is None else [_MADE + json.dumps(self.key)])]
+        lines += [f"{digest}  {name}" for name, digest in sorted(self.made)]
+        if self.left:
+            lines += [_LEFT, *(f"{digest}  {name}" for name, digest in sorted(self.left))]
+        write_text(self.folder / HASHES, "".join(f"{line}\n" for line in lines))
+
+    @property
+    def hashes(self) -> frozenset[tuple[str, str]]:
+        """The files that are ours."""
+        return self.made | self.left
+
+    def has(self, name: str) -> bool:
+        """Return whether a file is there as it was made or left."""
+        path = self.folder / name
+        return path.is_file() and (name, file_sha256(path)) in self.hashes
+
+    def damaged(self) -> list[str]:
+        """Return the files that it was made of and that are missing or changed.
+
+        A file is hashed if it was written after the list; all are if files were left since then.
+        """
+
+        def is_whole(name: str) -> bool:
+            path, listed = self.folder / name, self.folder / HASHES
+            if not path.is_file():
+                return False
+            is_older = not self.left and size_and_time(path)[1] < size_and_time(listed)[1]
+            return is_older or self.has(name)
+
+        return sorted({name for name, _ in self.made if not is_whole(name)})
+
+    def strangers(self, ours: Sequence[str], instead: str) -> list[str]:
+        """Return the names of a person's files in the folder of an artifact.
+
+        Raises:
+            DatasetError: One has a name that the artifact may have; the arguments are those of
+                `produced`.
+        """
+        if self.folder.exists() and not self.folder.is_dir():
+            raise DatasetError(f"{self.folder} is a file: move it, or {instead}")
+        files = {HASHES, *(n for n, _ in self.made), *(n for n, _ in self.left if self.has(n))}
+        folders = {parent.as_posix() for name in files for parent in PurePath(name).parents}
+
+        def is_ours(name: str) -> bool:
+            path = self.folder / name
+            is_known = (path.is_file() and name in files) or (path.is_dir() and name in folders)
+            return is_known or is_litter(name) or _UNFINISHED.fullmatch(name) is not None
+
+        found = [name for name in _names_in(self.folder) if not is_ours(name)]
+        if lost := [name for name in found if any(fnmatchcase(name, each) for each in ours)]:
+            reason = "which would be lost: move it elsewhere"
+            raise DatasetError(f"{self.folder} holds {_named(lost)}, {reason}, or {instead}")
+        return found
+
+    def others(self, files: Mapping[str, bytes]) -> list[str]:
+        """Return the names at which files would be written over a person's."""
+
+        def is_free(name: str, content: bytes) -> bool:
+            path = self.folder / name
+            if not path.is_file():
+                return not path.exists()
+            return self.has(name) or path.read_bytes() == content
+
+        return [name for name, content in files.items() if not is_free(name, content)]
+
+    def require_free(
+        self, files: Mapping[str, bytes], key: Key | None, overwrite: bool, instead: str
+    ) -> None:
+        """Raise DatasetError if these files may not be left; the arguments are those of `leave`."""
+        if overwrite:
+            return
+        if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
+            made = f"made with {differing}" if self.key else "of an earlier version"
+            advice = f"{instead}, or give overwrite=true to replace it"
+            raise DatasetError(f"{self.folder} is {made}: {advice}")
+        if others := self.others(files):
+            raise DatasetError(
+                f"{_named([str(self.folder / name) for name in others])}: made or changed by "
+                f"somebody else, so not written over; move it away, or {instead}"
+            )
+
+    def unfinished(self, names: Iterable[str]) -> list[Path]:
+        """Return what killed processes left that were writing files of these names."""
+        if not isinstance(self.folder, Path):
+            return []
+        return [path for name in names for path in temporaries(self.folder / name)]
+
+    def replace(self, files: Mapping[str, bytes], gone: Sequence[str] = ()) -> Sums:
+        """Write files, remove others that were left, and return the files that are ours now.
+
+        Meanwhile the list names old and new ones; the caller then writes the final one.
+
+        Args:
+            files: The content of each, by name.
+            gone: The names of files that are not to be there any more.
+        """
+        new = frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
+        self.folder.mkdir(parents=True, exist_ok=True)
+        for unfinished in self.unfinished([*files, HASHES]):
+            unfinished.unlink()
+        replace(self, left=self.left | new).write()
+        for name in filter(self.has, gone):
+            (self.folder / name).unlink()
+        for name, content in files.items():
+            path = self.folder / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_bytes(path, content)
+        made = frozenset(each for each in self.made if each[0] not in {*files, *gone})
+        kept = frozenset(each for each in self.left - new if self.has(each[0]))
+        return replace(self, made=made, left=kept | new)
+
+
+def leave(
+    folder: AnyPath,
+    files: Mapping[str, bytes],
+    *,
+    key: Key | None = None,
+    overwrite: bool = False,
+    instead: str = "choose another folder",
+) -> None:
+    """Write files into a folder that is shared with a person, in place of those left before.
+
+    Args:
+        folder: The folder, which is made.
+        files: The content of each, by name; they are written in this order.
+        key: What the folder has to be made from, if files in it are ours; None for anything.
+        overwrite: Whether to write over files of a person, or of another key.
+        instead: What a user who is refused may do.
+
+    Raises:
+        DatasetError: A file of a person is in the place of one; nothing is written.
+        OSError: The folder cannot be written.
+    """
+    place = folder.absolute() if isinstance(folder, Path) else folder
+    with held(place.parent, place.name):
+        sums = Sums.read(folder)
+        sums.require_free(files, key, overwrite, instead)
+        sums = sums.replace(files)
+        replace(sums, key=key or sums.key).write()
+
+
+Place = TypeVar("Place", Path, AnyPath)
+
+
+@contextmanager
+def produced(
+    folder: Place,
+    key: Key,
+    *,
+    mark: str = HASHES,
+    names: Sequence[str] = (),
+    ours: Sequence[str] = ("*",),
+    overwrite: bool = False,
+    instead: str = "choose another folder",
+) -> Iterator[Place | None]:
+    """Lend a folder to fill, which takes the place of an artifact; None if that is there, whole.
+
+    One process at a time does so. Temporary files may lie beside a local folder that is lent. In an
+    object store, which cannot rename, files are put in their final place, and listed at the end.
+
+    Args:
+        folder: The place; where a link leads to it, the link stays.
+        key: All that the artifact follows from.
+        mark: The file without which readers take the artifact for unfinished.
+        names: The files without which it is damaged, by default those that are made. In a store
+            they have to be given, and nothing else may be made.
+        ours: Patterns of the names that it may have. A person's files under other names stay.
+        overwrite: Whether to make it anew in any case, also in place of one with another key.
+        instead: What a user who is refused may do.
+
+    Raises:
+        DatasetError: A person's files would be lost, or an artifact with another key.
+        OSError: The folder cannot be written.
+    """
+    place: Any = followed(folder.absolute()) if isinstance(folder, Path) else folder
+    with held(place.parent, place.name):
+        if isinstance(place, Path):
+            recover(place, mark)
+        there = Sums.read(place)
+        if is_whole(there, key, ours, overwrite, instead):
+            yield None
+            return
+        if damaged := there.damaged():
+            say(f"{folder} is made anew, as damaged or missing: {_named(damaged)}.")
+        if not isinstance(place, Path):
+            _claim(there, mark, names)
+            yield place
+            Sums.of(place, key, names).write()
+            return
+        scratch = temporary_beside(place)
+        try:
+            made = scratch / place.name
+            made.mkdir(parents=True)
+            yield made
+            Sums.of(made, key, names).write()
+            for name in there.strangers(ours, instead):  # More may have come meanwhile.
+                _copy(place / name, made / name)
+            wait_for_disk(made)
+            move_into_place(made, place, mark)
+        finally:
+            remove(scratch)
+
+
+def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
+    """Return whether an artifact is there; raise DatasetError if `produced` would refuse."""
+    there.require_free({}, key, overwrite, instead)
+    whole = bool(there.made) and not overwrite and not there.damaged()
+    if not whole:
+        there.strangers(ours, instead)
+    return whole
+
+
+def _copy(old: Path, new: Path) -> None:
+    """Copy a file or an empty folder."""
+    new.parent.mkdir(parents=True, exist_ok=True)
+    if old.is_dir() and not old.is_symlink():
+        new.mkdir(exist_ok=True)
+    else:
+        shutil.copy2(old, new, follow_symlinks=False)
+
+
+def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
+    """Empty a folder in a store, and list what is going to be made, before it has a hash."""
+    old = {name for name, _ in there.hashes}
+    claimed = frozenset((name, "0" * 64) for name in old.union(names))
+    replace(there, made=claimed, left=frozenset()).write()
+    for name in sorted(old, key=lambda name: name != mark):
+        (there.folder / name).unlink(missing_ok=True)
+
+
+def differences(there: Key, asked: Key) -> str:
+    """Return what differs between two keys: `seed=3, not 4`."""
+    return "; ".join(
+        f"{name}={there.get(name)}, not {asked.get(name)}"
+        for name in {**asked, **there}
+        if json.dumps(there.get(name)) != json.dumps(asked.get(name))
+    )
+
+
+def _names_in(folder: AnyPath) -> list[str]:
+    """Return the paths within a folder of its files, and of its empty folders."""
+    if isinstance(folder, RemotePath):
+        return [path.name for path in folder.iterdir()]
+    found = sorted(folder.rglob("*")) if folder.is_dir() else []
+    filled = {path.parent for path in found}
+    return [path.relative_to(folder).as_posix() for path in found if path not in filled]
+
+
+def _named(names: Sequence[str]) -> str:
+    """Return the first three of some names, and how many more there are."""
+    more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+    return f"{', '.join(names[:3])}{more}"

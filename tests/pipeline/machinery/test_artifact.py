@@ -1,0 +1,317 @@
+"""Artifacts are whole or absent, and a person's files are told from them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+from contextlib import nullcontext
+from functools import partial
+from pathlib import Path
+from uuid import uuid4
+
+import pytest
+from crashing import CrashError, dies_at
+from renaming import ERRORS, no_folder_is_renamed
+from tampering import content_of
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at, temporary_beside
+from pipeline.machinery import artifact
+from pipeline.machinery.artifact import HASHES, Sums, is_litter, leave, produced
+
+FILES = {"a": b"1", "deep/b": b"2"}
+
+
+def make(folder: Path, key: int = 1, files: dict[str, bytes] = FILES, **rules: object) -> bool:
+    """Produce an artifact; return whether it was made, and not there."""
+    with produced(folder, {"key": key}, **rules) as new:  # type: ignore[arg-type]
+        for name, content in files.items() if new else ():
+            (new / name).parent.mkdir(exist_ok=True)
+            (new / name).write_bytes(content)
+    return new is not None
+
+
+def made(folder: Path) -> dict[str, bytes]:
+    """Return the content of a folder but its list."""
+    return {name: content for name, content in content_of(folder).items() if name != HASHES}
+
+
+def test_an_artifact_is_made_once_and_its_list_is_one_for_sha256sum(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "it"
+    assert make(folder)
+    before = content_of(tmp_path)
+    assert not make(folder)
+    assert content_of(tmp_path) == before
+    assert set(before) == {f"new/it/{name}" for name in (*FILES, HASHES)}
+    assert Sums.read(folder).key == {"key": 1}
+    if program := shutil.which("sha256sum"):
+        subprocess.run([program, "--strict", "-c", HASHES], cwd=folder, check=True)
+
+
+def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
+    folder = tmp_path / "it"
+    make(folder)
+    reason = "it is made with key=1, not 2: choose it, or give overwrite=true to replace it$"
+    with pytest.raises(DatasetError, match=reason):
+        make(folder, 2, {"c": b"3"}, instead="choose it")
+    assert made(folder) == FILES
+    assert make(folder, 2, {"c": b"3"}, overwrite=True)
+    assert made(folder) == {"c": b"3"}
+    leave(folder, {"of two": b"2"}, key={"key": 2})
+    with pytest.raises(DatasetError, match="is made with key=2, not 1"):
+        leave(folder, {"of one": b"1"}, key={"key": 1})
+
+
+def test_an_error_leaves_nothing_new(tmp_path: Path) -> None:
+    with pytest.raises(KeyError), produced(tmp_path / "new" / "it", {}):
+        raise KeyError
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("error", [0, ERRORS[0]])
+@pytest.mark.parametrize("there", [True, False])
+def test_after_a_crash_at_any_change_the_same_call_ends_in_the_same_bytes(
+    error: int, there: bool, tmp_path: Path
+) -> None:
+    old = {"a": b"0", "old": b"0"}
+    with no_folder_is_renamed(error) if error else nullcontext():
+        for change in range(1, 200):
+            folder = tmp_path / str(change) / "it"
+            folder.parent.mkdir()
+            if there:
+                make(folder, 0, old)
+            again = partial(make, folder, overwrite=there)
+            died = dies_at(change, again)
+            if (folder / HASHES).exists():
+                assert made(folder) in (FILES, old)
+            again()
+            assert made(folder) == FILES
+            assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+            if not died:
+                assert change > 9
+                return
+    pytest.fail("there are more changes than were tried")
+
+
+def test_what_is_missing_or_was_changed_after_the_list_is_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, hashed = tmp_path / "it", []
+    make(folder)
+    before = (folder / "a").stat().st_mtime
+    os.utime(folder / HASHES, (before + 9, before + 9))
+    sha256 = artifact.file_sha256
+    monkeypatch.setattr(artifact, "file_sha256", lambda p: hashed.append(p.name) or sha256(p))
+    assert not make(folder)
+    assert hashed == []
+    (folder / "a").write_bytes(b"x")
+    os.utime(folder / "a", (before + 9, before + 9))
+    (folder / "deep/b").unlink()
+    assert make(folder)
+    assert made(folder) == FILES
+    assert "it is made anew, as damaged or missing: a, deep/b." in capsys.readouterr().out
+
+
+def test_damage_is_found_also_after_a_file_was_left(tmp_path: Path) -> None:
+    make(tmp_path / "it")
+    (tmp_path / "it" / "a").write_bytes(b"x")
+    leave(tmp_path / "it", {"c": b"3"})
+    assert make(tmp_path / "it")
+    assert made(tmp_path / "it") == FILES  # What was left was of the damaged one.
+
+
+@pytest.mark.parametrize("name", ["notes", "a/", "deep/b/notes", "left"])
+def test_a_file_of_a_person_stops_what_would_replace_it_and_nothing_else(
+    tmp_path: Path, name: str
+) -> None:
+    folder = tmp_path / "it"
+    make(folder)
+    leave(folder, {"left": b"3"})
+    if (folder / name.removesuffix("/notes")).is_file():
+        (folder / name.removesuffix("/notes")).unlink()
+    place = folder / name
+    (place if name.endswith("/") else place.parent).mkdir(exist_ok=True)
+    if not name.endswith("/"):
+        place.write_bytes(b"mine")
+    before = content_of(tmp_path)
+    lost = name.removesuffix("/")
+    with pytest.raises(DatasetError, match=f"it holds {lost}, which would be lost: move it else"):
+        make(folder, 2, overwrite=True)
+    assert content_of(tmp_path) == before
+    if name in ("notes", "left"):
+        assert not make(folder)
+
+
+def test_a_person_s_files_under_other_names_stay(tmp_path: Path) -> None:
+    folder = tmp_path / "it"
+    make(folder)
+    for name in ("notes", "mine/notes", ".DS_Store", temporary_beside(folder / "a").name):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).write_bytes(b"mine")
+    (folder / "link").symlink_to("nowhere")
+    (folder / "empty").mkdir()
+    make(folder, 2, {"c": b"3"}, overwrite=True, ours=("a", "c"))
+    assert made(folder) == {"c": b"3", "notes": b"mine", "mine/notes": b"mine"}
+    assert (folder / "link").is_symlink()
+    assert (folder / "empty").is_dir()
+
+
+def test_what_comes_while_an_artifact_is_made_is_not_lost(tmp_path: Path) -> None:
+    make(tmp_path / "it")
+    with (
+        pytest.raises(DatasetError, match="holds notes, which would be lost"),
+        produced(tmp_path / "it", {}, overwrite=True),
+    ):
+        (tmp_path / "it" / "notes").write_bytes(b"mine")
+    assert made(tmp_path / "it") == FILES | {"notes": b"mine"}
+
+
+def test_a_file_in_the_place_of_an_artifact_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "it").write_bytes(b"mine")
+    with pytest.raises(DatasetError, match="it is a file: move it, or choose another folder"):
+        make(tmp_path / "it", overwrite=True)
+    assert (tmp_path / "it").read_bytes() == b"mine"
+
+
+def test_a_link_to_an_artifact_stays(tmp_path: Path) -> None:
+    make(tmp_path / "it")
+    (tmp_path / "link").symlink_to("it")
+    assert not make(tmp_path / "link")
+    assert make(tmp_path / "link", 2, overwrite=True)
+    assert (tmp_path / "link").is_symlink()
+    assert Sums.read(tmp_path / "it").key == {"key": 2}
+
+
+# In a store, which cannot rename.
+
+
+class StoreCrash:
+    """Let the process end before one of the changes of a store."""
+
+    def __init__(self, patch: pytest.MonkeyPatch, change: int) -> None:
+        self.left = change
+        ask = RemotePath._ask
+
+        def asking(path: RemotePath, question):  # type: ignore[no-untyped-def]
+            if {"pipe_file", "rm_file"} & {*question.__code__.co_names}:
+                self.left -= 1
+                if self.left <= 0:
+                    raise CrashError
+            return ask(path, question)
+
+        patch.setattr(RemotePath, "_ask", asking)
+
+
+def make_in_store(folder: AnyPath, key: int, files: dict[str, bytes], **rules: bool) -> bool:
+    with produced(folder, {"key": key}, mark="mark", names=[*files], **rules) as new:
+        for name, content in files.items() if new else ():
+            artifact.write_bytes(new / name, content)
+    return new is not None
+
+
+def test_in_a_store_a_crash_at_any_change_is_mended_by_the_same_call() -> None:
+    old, files = {"a": b"0", "old": b"0", "mark": b"0"}, {"a": b"1", "b": b"2", "mark": b"1"}
+    for change in range(1, 40):
+        folder = folder_at(f"memory://{uuid4().hex}/it")
+        make_in_store(folder, 0, old)
+        assert not make_in_store(folder, 0, old)
+        with pytest.MonkeyPatch.context() as patch:
+            crash = StoreCrash(patch, change)
+            try:
+                make_in_store(folder, 1, files, overwrite=True)
+            except CrashError:
+                patch.undo()
+                there = {path.name: path.read_bytes() for path in folder.iterdir()}
+                assert "mark" not in there or all(
+                    each.items() <= there.items()
+                    for each in (old, files)
+                    if each["mark"] == there["mark"]
+                )
+                make_in_store(folder, 1, files, overwrite=True)
+        assert {p.name: p.read_bytes() for p in folder.iterdir() if p.name != HASHES} == files
+        assert not make_in_store(folder, 1, files)
+        if crash.left > 0:
+            assert change > 6
+            return
+    pytest.fail("there are more changes than were tried")
+
+
+# Files that are left in a folder that is shared with a person.
+
+
+def test_what_was_left_may_be_replaced_and_removed(tmp_path: Path) -> None:
+    leave(tmp_path, {"page": b"1", "chart": b"1"})
+    sums = Sums.read(tmp_path).replace({"page": b"2"}, gone=["chart"])
+    sums.write()
+    assert made(tmp_path) == {"page": b"2"}
+    assert Sums.read(tmp_path) == sums
+    assert sums.others({"page": b"3", "chart": b"3"}) == []
+
+
+def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path) -> None:
+    leave(tmp_path, {"page": b"1", "chart": b"1", "table": b"1"})
+    (tmp_path / "chart").write_bytes(b"mine")
+    (tmp_path / "photo").write_bytes(b"mine")
+    (tmp_path / "folder").mkdir()
+    new = dict.fromkeys(["page", "chart", "photo", "folder", "table", "more"], b"2")
+    sums = Sums.read(tmp_path)
+    assert sums.others(new) == ["chart", "photo", "folder"]
+    with pytest.raises(
+        DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: made or chan"
+    ):
+        leave(tmp_path, new)
+    sums.replace({"page": b"2"}, gone=["chart", "table"]).write()
+    assert made(tmp_path) == {"page": b"2", "chart": b"mine", "photo": b"mine"}
+    leave(tmp_path, {"chart": b"2"}, overwrite=True)
+    assert made(tmp_path)["chart"] == b"2"
+
+
+@pytest.mark.parametrize("names", [("chart", "page/impossible"), ("page/impossible", "chart")])
+def test_files_that_an_interrupted_run_has_written_are_still_known(
+    tmp_path: Path, names: tuple[str, str]
+) -> None:
+    leave(tmp_path, {"page": b"1", "chart": b"1"})
+    with pytest.raises(OSError, match="page"):
+        Sums.read(tmp_path).replace(dict.fromkeys(names, b"2"))
+    assert Sums.read(tmp_path).others({"page": b"3", "chart": b"3"}) == []
+
+
+@pytest.mark.parametrize(
+    "text", ["", f"{'0' * 64}  thesis.txt\n", "page is mine\n", "\0\xff", "# mine\n"]
+)
+def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
+    (tmp_path / HASHES).write_text(text, encoding="latin-1")
+    with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is somebody else's: move it.*\Z"):
+        Sums.read(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        *("5x5/manifest.json", "analysis.json", "theirs-0123abcd.json", "index.html"),
+        *("leaderboard.md", "runs/5x5/bc-cnn-seed0.json", "0123456789abcdef.gif"),
+        *("labyrinth.json", "namespace_metadata.json", "model.safetensors", "env.py"),
+    ],
+)
+def test_a_list_of_an_earlier_version_is_ours(tmp_path: Path, name: str) -> None:
+    (tmp_path / HASHES).write_text(f"{'0' * 64}  {name}\n{'1' * 64}  other\n")
+    sums = Sums.read(tmp_path)
+    assert sums.hashes == {(name, "0" * 64), ("other", "1" * 64)}
+    assert sums.key is None
+
+
+@pytest.mark.parametrize(
+    ("path", "litter"),
+    [
+        *((".DS_Store", True), ("Thumbs.db", True), ("desktop.ini", True), ("._page", True)),
+        *((".ipynb_checkpoints/notes.txt", True), ("meta/.nfs000000000012ab", True)),
+        *(("cache-0123456789abcdef.arrow", True), ("data/cache-1_00000_of_00002.arrow", True)),
+        *((".hidden", False), ("cache.arrow", False), ("cache-notes.txt", False)),
+        *(("notes.DS_Store", False), ("Thumbs.db.txt", False), ("desktop/notes.txt", False)),
+    ],
+)
+def test_what_systems_and_readers_leave_is_told_from_files_of_a_person(
+    path: str, litter: bool
+) -> None:
+    assert is_litter(path) == litter
