@@ -76,7 +76,7 @@ class Description:
                 )
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")
-        if self.date and not _is_day(self.date):
+        if self.date and not is_day(self.date):
             raise ValueError(f"date={self.date}: give a day such as 2026-11-30")
         for detail, number in self.details.items():
             if detail not in DETAILS:
@@ -85,7 +85,8 @@ class Description:
                 raise ValueError(f"details: {detail}={number!r:.60}: give a whole number from 0 on")
 
 
-def _is_day(text: str) -> bool:
+def is_day(text: str) -> bool:
+    """Return whether a text is a day such as 2026-11-30."""
     try:
         return _DATE.fullmatch(text) is not None and not np.isnat(np.datetime64(text))
     except ValueError:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from labyrinth_core.evaluation.description import is_day
 from pipeline.config.errors import check
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
@@ -40,8 +41,8 @@ def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: 
     """Raise a ConfigError if an option is impossible, or missing for one of the stages."""
     check_options(options, SeasonOptions, "season.")
     check(
-        "season" not in stages or bool(options.date),
-        "season.date=: give the day on which the season begins, such as 2026-11-30",
+        "season" not in stages or is_day(options.date),
+        f"season.date={options.date}: give the day on which the season begins, such as 2026-11-30",
     )
     check(
         "judge" not in stages or bool(options.submission),

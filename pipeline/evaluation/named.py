@@ -139,13 +139,16 @@ def named_policy(name: str) -> Any:
             `user/planner-5x5@1.0.0`.
 
     Raises:
-        ConfigError: There is no such module or name.
+        ConfigError: There is no such module or name, or a folder is given with a revision.
         DatasetError: The policy of a run, or a published one, cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
     if ":" not in name:
         source, _, revision = name.partition("@")
-        if "/" not in source and not Path(source).expanduser().is_dir():
+        is_folder = Path(source).expanduser().is_dir()
+        if is_folder and revision:
+            raise ConfigError(f"policy={name}: {source} is a folder, which has no revisions")
+        if "/" not in source and not is_folder:
             allowed = "neither a folder nor an id such as user/planner-5x5"
             raise DatasetError(f"{source} is {allowed}: a policy in Python is module:name")
         return load_policy(source, revision=revision or None)

@@ -15,6 +15,7 @@ from labyrinth_core.language.collection import KINDS, files_in, is_collection, r
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.inspection.certificate import Held, digits, ids_of, structure_of
+from pipeline.machinery.console import say
 
 
 @dataclass(frozen=True)
@@ -98,7 +99,8 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
 def _infos_of(source: str, config: str | None) -> dict[str, Iterator[str]]:
     """Return the values of `info` in each split of any dataset, as they are downloaded.
 
-    No other column is downloaded. Equal values in consecutive rows come once.
+    No other column is downloaded. Equal values in consecutive rows come once. A config that the
+    dataset itself chooses is printed.
 
     Raises:
         DatasetError: At once if there is no such dataset, later if it cannot be read.
@@ -118,6 +120,8 @@ def _infos_of(source: str, config: str | None) -> dict[str, Iterator[str]]:
         elif "BuilderConfig" in str(error):  # One that is not there; the message lists the others.
             reason = source
         raise DatasetError(f"{reason}: {one_line(error)}") from error
+    if config is None and (default := next(iter(splits.values())).config_name) != "default":
+        say(f"{source}: {default}, by default; leakage.config names another.")
     return {str(split): _infos(source, stream) for split, stream in splits.items()}
 
 

@@ -24,9 +24,11 @@ class Performer:
     def __init__(self, folder, make_run):
         self.folder, self._make_run, self.printed = folder, make_run, ""
 
-    def __call__(self, stage, folder="seasons", submission=str(RELEASED), **options):
+    def __call__(
+        self, stage, folder="seasons", submission=str(RELEASED), date="2026-11-30", **options
+    ):
         """Perform a stage; return what it prints, or the error that it raises."""
-        of_season = SeasonOptions("2026-a", str(self.folder / folder), "2026-11-30", submission)
+        of_season = SeasonOptions("2026-a", str(self.folder / folder), date, submission)
         options = {"size": "5", "labyrinths": 16, "random_steps": 5} | options
         run = self._make_run(self.folder / "data", stages=[stage], season=of_season, **options)
         (self.folder / "temporary").mkdir(exist_ok=True)

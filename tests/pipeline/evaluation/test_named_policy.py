@@ -169,6 +169,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
         ("needy:make", PolicyError, "raised ModuleNotFoundError: No module named 'not_installed"),
         ("strange:unmade", PolicyError, "raised LookupError: no weights"),
         ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
+        (".@1.0.0", ConfigError, r"policy=\.@1\.0\.0: \. is a folder, which has no revisions"),
         ("absent", DatasetError, "absent is neither a folder nor an id such as user/planner-5x5"),
         (
             "strange.py",

@@ -42,6 +42,17 @@ def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_datase
     assert str(caught.value).startswith(there)
 
 
+@pytest.mark.parametrize(("config", "said"), [(None, ["3x3, by default"]), ("3x3", [])])
+def test_a_config_that_the_dataset_chooses_is_told(
+    carded: Path, capsys: pytest.CaptureFixture[str], config: str | None, said: list[str]
+) -> None:
+    read_elsewhere(str(carded), config)
+    printed = capsys.readouterr().out
+    assert [line.split("; ")[0] for line in printed.splitlines()] == [
+        f"{carded}: {s}" for s in said
+    ]
+
+
 @pytest.mark.slow
 def test_a_cache_that_cannot_be_written_is_not_taken_for_a_folder_that_is_not_there(
     small_dataset: Run,
