@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, error_of, run, spaced
+from commands import RUN, error_of, refused, run, spaced
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
@@ -73,7 +73,7 @@ def test_a_folder_for_temporary_files_that_is_missing_is_told_in_one_line(tmp_pa
     assert error_of(done) == "error: No usable temporary directory found in ['/nowhere']"
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str) -> None:
     stage = r"from pipeline.machinery.console import say; say('50 \u00b1 1 \u2026 \u0416')"
     done = subprocess.run(
@@ -95,7 +95,7 @@ def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str)
     assert expected in done.stdout
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) -> None:
     options = ["size=2x3", "labyrinths=2", "workers=2", "stages=[build,validate]"]
     command = shlex.join([sys.executable, str(RUN), *options])
@@ -134,7 +134,7 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("flag", ["-m", "--multi", "--multirun", "hydra.mode=MULTIRUN"])
+@pytest.mark.parametrize("flag", ["--multi", "hydra.mode=MULTIRUN"])
 def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
     tmp_path: Path, flag: str
 ) -> None:
@@ -166,7 +166,7 @@ def test_a_broken_file_of_options_is_answered_with_its_name_in_one_line(
     tmp_path: Path, text: str
 ) -> None:
     (tmp_path / "mine.yaml").write_text(text)
-    error = error_of(run(tmp_path, "--config-dir", ".", "--config-name", "mine"))
+    error = refused("--config-dir", str(tmp_path), "--config-name", "mine")
     assert re.search(r'in ".*/mine.yaml", (line|position) \d', error)
 
 
@@ -186,12 +186,12 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stage", ["card", "report", "publish", "analyse", "validate", "export"])
 def test_a_stage_that_is_asked_about_a_dataset_that_is_not_there_says_so(
-    tmp_path: Path, small_dataset: Run, stage: str
+    small_dataset: Run, stage: str
 ) -> None:
     options = [f"stages={stage}", "publish.repo_id=a/b", "publish.version=1.0.0"]
     options += ["export.format=minari", f"data_dir={small_dataset.data_dir}"]
     for named in (["size=4"], ["size=3", "task=icy_floor"]):
-        assert "holds no" in error_of(run(tmp_path, *named, *options))
+        assert "holds no" in refused(*named, *options)
 
 
 def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Run) -> None:
