@@ -65,7 +65,7 @@ def test_a_fault_of_each_call_that_writes_is_got_over_in_a_private_release(
     local_hub: LocalHub, releasable: Path
 ) -> None:
     rules = [local_hub.faults.fail(*call) for call in WRITING]
-    published(local_hub, releasable, "1.0.0", "publish.private=true")
+    published(local_hub, releasable, "1.0.0", "publish.private=true", verify=True)
     assert local_hub.is_private(REPO)
     assert [rule for rule in rules if not rule.reached.is_set()] == []
     assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
@@ -99,11 +99,11 @@ def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
         ("GET", f"{R}/revision/[0-9a-f]{{40}}", 503, True, "not tagged: 2x3 cannot be loaded"),
     ):
         local_hub.faults.fail(method, path, status=status, times=UNLIMITED)
-        assert message in error_of(publish(local_hub, releasable))
+        assert message in error_of(publish(local_hub, releasable, verify=True))
         assert held(local_hub) == (built(releasable) if landed else {})
         assert local_hub.refs(REPO).keys() == {"refs/heads/main"}
         local_hub.faults.clear()
-    assert "tagged 1.0.0" in published(local_hub, releasable)
+    assert "tagged 1.0.0" in published(local_hub, releasable, verify=True)
     assert held(local_hub) == built(releasable)
     assert len(local_hub.history(REPO)) == 2
 
@@ -237,7 +237,7 @@ def test_a_token_for_one_repository_releases_there_alone(
 ) -> None:
     def job(repo: str = REPO, **more: str) -> subprocess.CompletedProcess[str]:
         resource = {"HF_OIDC_RESOURCE": f"datasets/{REPO}"} | more
-        return publish(local_hub, releasable, token=None, repo=repo, **resource)
+        return publish(local_hub, releasable, token=None, repo=repo, verify=True, **resource)
 
     no_token = f"HF_OIDC_RESOURCE=datasets/{REPO}: the Hub gives this job no token: "
     assert error_of(job()).startswith(f"{no_token}HF_OIDC_RESOURCE is set but no OIDC id token")
@@ -273,7 +273,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
     home = str(tmp_path / "home")
     caches = {"HF_HOME": home, "HF_HUB_CACHE": f"{home}/hub", "HF_DATASETS_CACHE": f"{home}/data"}
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
-    with publishing(local_hub, releasable, until=rule, **caches) as process:
+    with publishing(local_hub, releasable, until=rule, verify=True, **caches) as process:
         commit = local_hub.refs(REPO)["refs/heads/main"]
         for _ in range(2):  # The second time from the cache, all contents being out of reach.
             warm = run_script(local_hub, WARM, REPO, commit, USE_TORCH="0", **caches)
@@ -291,7 +291,7 @@ def test_a_stale_cache_is_never_taken_for_a_verification(
 def test_other_bytes_than_were_sent_are_not_tagged(local_hub: LocalHub, releasable: Path) -> None:
     shard = "2x3/random-00000-of-00001.parquet"
     rule = local_hub.faults.hold("POST", "/commit/", after=True)
-    with publishing(local_hub, releasable, until=rule) as process:
+    with publishing(local_hub, releasable, until=rule, verify=True) as process:
         blob = local_hub.blob(built(releasable)[shard])
         blob.write_bytes(blob.read_bytes()[:-1] + b"0")
         local_hub.faults.release()
