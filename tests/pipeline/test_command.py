@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, error_of, run, spaced
+from commands import RUN, error_of, refused, run, spaced
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
@@ -35,16 +35,15 @@ sys.exit(__main__.main())
 """The program with another stage."""
 
 
-@pytest.mark.parametrize("sweep", [[], ["-m", "seed=1,2"]], ids=["run", "sweep"])
-@pytest.mark.parametrize(
-    "error",
-    ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"],
-)
-def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
-    tmp_path: Path, error: str, sweep: list[str]
-) -> None:
+BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"]
+
+
+@pytest.mark.parametrize("seeds", ["0", "1", "2", "3", "4", "0,1,2,3,4"])
+def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(tmp_path: Path, seeds: str) -> None:
+    stage = f"raise ({', '.join(BUGS)})[run.options.seed]('my own')"
+    sweep = ["-m"] if "," in seeds else []
     done = subprocess.run(
-        [python(), "-c", PROGRAM.format(stage=f"raise {error}('my own')"), *sweep, "stages=build"],
+        [python(), "-c", PROGRAM.format(stage=stage), *sweep, f"seed={seeds}", "stages=build"],
         env={"PYTHONPATH": str(RUN.parent), "TMPDIR": str(tmp_path)},
         cwd=tmp_path,
         capture_output=True,
@@ -53,7 +52,7 @@ def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(
     )
     assert done.returncode == 1
     assert "error:" not in done.stderr
-    runs = 2 if sweep else 1
+    runs = 5 if sweep else 1
     assert done.stderr.count("Traceback (most recent call last):") == runs
     assert len(re.findall(r"^[\w.]+: '?my own'?$", done.stderr, re.MULTILINE)) == runs
 
@@ -91,7 +90,7 @@ def test_a_folder_for_temporary_files_that_is_missing_is_told_in_one_line(tmp_pa
     assert error_of(done) == "error: No usable temporary directory found in ['/nowhere']"
 
 
-@pytest.mark.parametrize("encoding", ["ascii", "latin-1", "cp1252"])
+@pytest.mark.parametrize("encoding", ["ascii", "cp1252"])
 def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str) -> None:
     stage = r"from pipeline.machinery.console import say; say('50 \u00b1 1 \u2026 \u0416')"
     done = subprocess.run(
@@ -113,7 +112,7 @@ def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str)
     assert expected in done.stdout
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&-", "<&- >&- 2>&-"])
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
 def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) -> None:
     options = ["size=2x3", "labyrinths=2", "workers=2", "stages=[build,validate]"]
     command = shlex.join([sys.executable, str(RUN), *options])
@@ -152,7 +151,7 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("flag", ["-m", "--multi", "--multirun", "hydra.mode=MULTIRUN"])
+@pytest.mark.parametrize("flag", ["--multi", "hydra.mode=MULTIRUN"])
 def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
     tmp_path: Path, flag: str
 ) -> None:
@@ -184,7 +183,7 @@ def test_a_broken_file_of_options_is_answered_with_its_name_in_one_line(
     tmp_path: Path, text: str
 ) -> None:
     (tmp_path / "mine.yaml").write_text(text)
-    error = error_of(run(tmp_path, "--config-dir", ".", "--config-name", "mine"))
+    error = refused("--config-dir", str(tmp_path), "--config-name", "mine")
     assert re.search(r'in ".*/mine.yaml", (line|position) \d', error)
 
 
@@ -204,12 +203,12 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("stage", ["card", "report", "publish", "analyse", "validate", "export"])
 def test_a_stage_that_is_asked_about_a_dataset_that_is_not_there_says_so(
-    tmp_path: Path, small_dataset: Run, stage: str
+    small_dataset: Run, stage: str
 ) -> None:
     options = [f"stages={stage}", "publish.repo_id=a/b", "publish.version=1.0.0"]
     options += ["export.format=minari", f"data_dir={small_dataset.data_dir}"]
     for named in (["size=4"], ["size=3", "task=icy_floor"]):
-        assert "holds no" in error_of(run(tmp_path, *named, *options))
+        assert "holds no" in refused(*named, *options)
 
 
 def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Run) -> None:

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 from typing import Any
 
+import pytest
 from quick_python import python
+
+from pipeline.command import run_command
 
 RUN = Path(__file__).parents[2] / "run.py"
 
@@ -25,6 +30,25 @@ def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedPr
         timeout=120,
         **options,
     )
+
+
+def refused(*arguments: str) -> str:
+    """Return the one line that a mistake is answered with, of the command run in this process."""
+    errors = io.StringIO()
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        redirect_stdout(io.StringIO()),
+        redirect_stderr(errors),
+    ):
+        patch.setattr(sys, "argv", [str(RUN), *arguments])
+        patch.setattr(sys, "unraisablehook", sys.unraisablehook)
+        for name in ("PYTHONWARNINGS", "HYDRA_FULL_ERROR"):  # Which the command sets.
+            patch.setenv(name, "")
+        try:
+            status = run_command()
+        except SystemExit as ended:
+            status = int(str(ended.code))
+    return error_of(subprocess.CompletedProcess(arguments, status, "", errors.getvalue()))
 
 
 def error_of(result: subprocess.CompletedProcess[str]) -> str:

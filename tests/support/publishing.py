@@ -23,6 +23,16 @@ MADE_BY_THE_HUB = ".gitattributes"
 STRICT = ("-W", "error", "-W", "ignore:Use 'content=<...>':DeprecationWarning")
 """The client's own uploads through LFS deserve the second warning."""
 
+UNVERIFIED = """
+import sys
+from pipeline.__main__ import main
+from pipeline.release import publish
+
+publish.verified = lambda *_: "not verified"
+sys.exit(main())
+"""
+"""The program without the verification, which takes longer than all else; a test asks for it."""
+
 
 @pytest.fixture
 def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
@@ -32,9 +42,12 @@ def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
     assert not hub.failures, "\n".join(hub.failures)
 
 
-def command(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
+def command(
+    data_dir: Path, version: str, *options: str, repo: str = REPO, verify: bool = False
+) -> list[str]:
+    program = [str(ROOT / "run.py")] if verify else ["-c", UNVERIFIED]
     return [
-        *(*STRICT, str(ROOT / "run.py"), "stages=[publish]"),
+        *(*STRICT, *program, "stages=[publish]"),
         *(f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"),
         *options,
     ]
@@ -74,10 +87,12 @@ def publish(
     *options: str,
     token: str | None = "write",
     repo: str = REPO,
+    verify: bool = False,
     **more: str,
 ) -> subprocess.CompletedProcess[str]:
     """Return what became of a release; `more` are variables of its environment."""
-    return run_python(hub, *command(data_dir, version, *options, repo=repo), token=token, **more)
+    arguments = command(data_dir, version, *options, repo=repo, verify=verify)
+    return run_python(hub, *arguments, token=token, **more)
 
 
 def run_script(
@@ -90,10 +105,10 @@ def run_script(
 
 
 def published(
-    hub: LocalHub, data_dir: Path, version: str = "1.0.0", *options: str, repo: str = REPO
+    hub: LocalHub, data_dir: Path, version: str = "1.0.0", *options: str, verify: bool = False
 ) -> str:
     """Return what a release that succeeds prints."""
-    done = publish(hub, data_dir, version, *options, repo=repo)
+    done = publish(hub, data_dir, version, *options, verify=verify)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -116,12 +131,12 @@ def publishing(
     version: str = "1.0.0",
     *options: str,
     until: Rule,
-    repo: str = REPO,
+    verify: bool = False,
     **more: str,
 ) -> Iterator[subprocess.Popen[str]]:
     """Publish until a call is held; the process is killed in the end, with all that it started."""
     with subprocess.Popen(
-        [python(), *command(data_dir, version, *options, repo=repo)],
+        [python(), *command(data_dir, version, *options, verify=verify)],
         env=environment(hub, **more),
         cwd=hub.folder,
         stdout=subprocess.PIPE,
@@ -145,11 +160,9 @@ def last_line(process: subprocess.Popen[str]) -> str:
     return errors.splitlines()[-1]
 
 
-def kill_in(
-    hub: LocalHub, held: Rule, data_dir: Path, version: str, *options: str, repo: str = REPO
-) -> None:
+def kill_in(hub: LocalHub, held: Rule, data_dir: Path, version: str, *options: str) -> None:
     """Publish, and kill it while a call is held."""
-    with publishing(hub, data_dir, version, *options, until=held, repo=repo):
+    with publishing(hub, data_dir, version, *options, until=held):
         pass
     hub.faults.clear()
     hub.wait_until_quiet()

@@ -29,7 +29,7 @@ class Performer:
     ):
         """Perform a stage; return what it prints, or the error that it raises."""
         of_season = SeasonOptions("2026-a", str(self.folder / folder), date, submission)
-        options = {"size": "5", "labyrinths": 16, "random_steps": 5} | options
+        options = {"size": "3", "labyrinths": 16, "random_steps": 5} | options
         run = self._make_run(self.folder / "data", stages=[stage], season=of_season, **options)
         (self.folder / "temporary").mkdir(exist_ok=True)
         with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as out:

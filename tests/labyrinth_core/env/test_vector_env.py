@@ -68,7 +68,7 @@ def both(envs, call):
 @pytest.mark.parametrize("task", Task)
 @pytest.mark.parametrize("kind", ["image", "vector", "state"])
 def test_every_step_is_that_of_single_environments(mode, task, kind):
-    steps, count = (120, 3) if kind == "image" else (400, 6)
+    steps, count = (120, 3) if kind == "image" else (150, 4)
     envs = pair(
         count, mode, size=(3, 4), task=task, observation=kind, image_size=16, max_episode_steps=50
     )

@@ -317,7 +317,7 @@ def open_and_closed(structure, pair):
 def test_opening_or_closing_any_one_wall_shows(height, width):
     structure = next(sample_structures(height, width, np.random.default_rng(0)))
     pairs = grid_passages(height, width)
-    for pair in Random(0).sample(pairs, min(len(pairs), 400)):
+    for pair in Random(0).sample(pairs, min(len(pairs), 60)):
         painters = [Painter(labyrinth) for labyrinth in open_and_closed(structure, pair)]
         for size in (PICTURE_SIZE, 64):
             pictures = [painter.array(State(0), size) for painter in painters]

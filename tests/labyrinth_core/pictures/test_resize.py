@@ -5,7 +5,7 @@ from random import Random
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from strategies import labyrinths
 
@@ -16,6 +16,7 @@ from labyrinth_core.world.dynamics import state_at, state_count
 
 
 @pytest.mark.slow
+@settings(max_examples=40)
 @given(labyrinths(), st.integers(1, 130), st.data())
 def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
     state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))

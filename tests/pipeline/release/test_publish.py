@@ -299,11 +299,6 @@ def test_files_of_a_person_are_not_published_and_are_named(
     assert all((releasable / name).read_bytes() == b"mine" for name in theirs)
 
 
-def test_a_private_release_is_private(local_hub: LocalHub, releasable: Path) -> None:
-    published(local_hub, releasable, "1.0.0", "publish.private=true")
-    assert local_hub.is_private(REPO)
-
-
 def test_main_does_not_go_back_to_an_earlier_version(
     released_hub: LocalHub, released: Path
 ) -> None:

@@ -78,7 +78,7 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
     common = ("stages=[export,publish]", "size=2x3", f"export.folder={exports}")
     common += ("export.image_size=8",)
     minari = (*common, "export.format=minari", f"publish.export={GROUP}", f"publish.env={REPO}")
-    printed = published(local_hub, releasable, "1.0.0", *minari)
+    printed = published(local_hub, releasable, "1.0.0", *minari, verify=True)
     assert "MINARI_REMOTE=hf://user minari download labyrinth-minari/2x3/train-v0" in printed
     assert "not part of the release" not in printed
     assert f'make_env("{REPO}", trust_remote_code=True)' in printed
@@ -96,7 +96,8 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
 
     lerobot = (*common, "export.format=lerobot", f"publish.export={LEROBOT}")
     train, test = ((*lerobot, f"export.splits=[{split}]") for split in ("train", "test"))
-    assert f'LeRobotDataset("{LEROBOT}")' in published(local_hub, releasable, "1.0.0", *train)
+    printed = published(local_hub, releasable, "1.0.0", *train, verify=True)
+    assert f'LeRobotDataset("{LEROBOT}")' in printed
     here = built(exports / "lerobot" / "labyrinth" / "2x3" / "train-v0")
     there = held(local_hub, "v3.0", LEROBOT)
     assert there.keys() - here.keys() == {"README.md"}

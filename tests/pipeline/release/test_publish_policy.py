@@ -85,7 +85,7 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
 ) -> None:
     data_dir = Path(shutil.copytree(trained.source, tmp_path / "labyrinth"))
     options = (*of_run(trained), f"publish.model={MODEL}")
-    printed = published(local_hub, data_dir, "1.0.0", *options)
+    printed = published(local_hub, data_dir, "1.0.0", *options, verify=True)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
     assert "4 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {

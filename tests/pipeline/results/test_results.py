@@ -241,10 +241,11 @@ def test_no_name_is_a_tag_in_the_tables(evaluated, tmp_path):
 @pytest.mark.slow
 def test_the_results_that_are_published_add_up():
     ours = Path(__file__).parents[3] / "docs/results"
-    # Those of `runs` itself are read for the leaderboard that is published.
-    paths = [path for path in ours.glob("*/**/*.json") if path.match("*/runs/*/*.json")]
-    assert len(paths) > 100
-    for path in paths:
+    # Those of `runs` itself are read for the leaderboard that is published; of the finished
+    # studies the first of each folder, which one commit wrote and none changes.
+    folders = {path.parent for path in ours.glob("*/**/runs/*/*.json")}
+    assert len(folders) > 10
+    for path in (min(folder.glob("*.json")) for folder in folders):
         content = read_json(path)
         if content["run"].get("memory"):  # Of runs that only an earlier commit knows.
             del content["run"]

@@ -166,7 +166,7 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
         (reported / name).write_text(json.dumps(told), encoding="utf-8")
     rows = public / "judged.json"
     listed = json.loads(rows.read_text(encoding="utf-8"))
-    listed["judged"][0]["figures"]["test"]["sr"] = 0.5
+    listed["judged"][0]["figures"]["test"]["sr"] = 0.123
     rows.write_text(json.dumps(listed), encoding="utf-8")
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     said = revealed.printed
