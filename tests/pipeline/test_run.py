@@ -335,7 +335,8 @@ def test_builds_killed_at_random_moments_end_as_an_undisturbed_one(parts: str) -
         timeout=300,
     )
     assert (result.returncode, result.stderr) == (0, "")
-    assert re.search(r"^([3-9]|\d\d+) kills, executor=local, workers=\[1\]", result.stdout, re.MULTILINE)
+    kills = r"^([3-9]|\d\d+) kills, executor=local, workers=\[1\]"
+    assert re.search(kills, result.stdout, re.MULTILINE)
     assert "0 datasets differ" in result.stdout
 
 
