@@ -6,7 +6,6 @@ run, or in `<run_dir>/<config>/<name>`. Nothing is selected or learnt here.
 
 from __future__ import annotations
 
-from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +16,9 @@ from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
-from pipeline.evaluation.named import Judged, judge_named
+from pipeline.evaluation.named import INSTEAD, Judged, judge_named
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
-from pipeline.machinery.own_files import leave
 
 ATTEMPTS = "attempts"
 """The folder of moving pictures, in that of the results."""
@@ -40,15 +39,17 @@ def run(run: Run) -> None:
         from pipeline.evaluation.trained import judge_trained  # It imports torch.
 
         judged = judge_trained(run)
-    judged.results.save(judged.path, **asdict(judged.about))
+    path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
+    overwrite = run.options.overwrite
+    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=INSTEAD)
     if run.options.evaluation.gifs:
-        folder = judged.path.parent / ATTEMPTS
+        folder = path.parent / ATTEMPTS
         written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
         say(f"{folder} has {written} moving pictures.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():
         say_once(part)
-    say(str(judged.path))
+    say(str(path))
 
 
 def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
@@ -67,5 +68,5 @@ def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
-    leave(folder, pictures, r"[0-9a-f]{16}\.gif")
+    leave(folder, pictures)
     return len(chosen)

@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
-from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, PolicyError, asked, fitted
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
@@ -26,7 +25,10 @@ from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.run import Run
 from pipeline.config.training import EvaluationOptions
+from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import manifest_of
+
+INSTEAD = "choose another evaluation.name"
 
 
 class Judged(NamedTuple):
@@ -40,6 +42,8 @@ class Judged(NamedTuple):
     results: Results
     path: Path
     """Where the results are kept."""
+    key: Key
+    """What the folder of the results is of: a run, or a policy."""
 
 
 def judge_named(run: Run) -> Judged:
@@ -58,7 +62,10 @@ def judge_named(run: Run) -> Judged:
     if not asked.name and path.with_name(RECORD).exists():  # A run has results of its own there.
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / RESULTS
-    refuse_others(path, name)
+    if path.with_name(RECORD).exists():
+        raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
+    key = {"policy": name}
+    require_free(path, key, run)
     config = manifest_of(run).config  # Says how the dataset is made, if there is none.
     policy = named_policy(options.policy)
     # The option's default says nothing: a policy may look at something else.
@@ -92,29 +99,12 @@ def judge_named(run: Run) -> Judged:
     except ValueError as error:
         raise ConfigError(str(error)) from error
     load = partial(load_arrays, run.source, run.dataset.name, resize=spec.resize, **shown)
-    return Judged(about, Player.of(policy, options.seed), load, results, path)
+    return Judged(about, Player.of(policy, options.seed), load, results, path, key)
 
 
-def refuse_others(path: Path, name: str | None) -> None:
-    """Raise DatasetError if a file is there that is not of the results to be written.
-
-    Args:
-        path: Where they are to be.
-        name: The name of the policy; None for that of the run whose folder it is.
-    """
-    if name is not None and path.with_name(RECORD).exists():
-        raise DatasetError(f"{path.parent} holds a trained run: choose another evaluation.name")
-    if not path.exists():
-        return
-    try:
-        content = read_json(path)
-        of_run = "run" in content
-        same = of_run if name is None else not of_run and content["method"]["name"] == name
-    except (OSError, *MALFORMED):
-        same = False
-    if not same:
-        of = "of this run" if name is None else f"of the policy {name}"
-        raise DatasetError(f"{path} is not {of}: move it away, or choose another evaluation.name")
+def require_free(path: Path, key: Key, run: Run) -> None:
+    """Raise DatasetError if results could not be kept at a path."""
+    Sums.read(path.parent).require_free({path.name: b""}, key, run.options.overwrite, INSTEAD)
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

@@ -20,11 +20,11 @@ from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import check
 from pipeline.config.run import Run
-from pipeline.evaluation.named import Judged, refuse_others
+from pipeline.evaluation.named import Judged, require_free
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.training.methods.method import find
-from pipeline.training.policy import read_policy
+from pipeline.training.policy import options_of, read_policy
 from pipeline.training.record import read_record, training_versions
 from pipeline.training.train import choose_device, loader_of, spec_of
 
@@ -59,7 +59,7 @@ def judge_trained(run: Run) -> Judged:
     path = folder / RESULTS
     if judged_on is not run:
         path = path.with_stem(f"{path.stem}-{config.name}-{fingerprint:.8}")
-    refuse_others(path, None)
+    require_free(path, options_of(about), run)
     size = method.image_size(spec, settings, config.height, config.width)
     shape = replace(spec, height=config.height, width=config.width)
     acting = method.player(policy, shape, settings)
@@ -109,7 +109,7 @@ def judge_trained(run: Run) -> Judged:
         baselines=baselines,
         run=made,
     )
-    return Judged(Description(made.name), player, load, results, path)
+    return Judged(Description(made.name), player, load, results, path, options_of(about))
 
 
 def elsewhere(run: Run) -> Run:

@@ -1,1 +1,1 @@
-"""What several stages stand on: executor, locks, folders, files of their own, console."""
+"""What several stages stand on: executor, artifacts, locked folders, console."""

@@ -15,7 +15,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
@@ -33,14 +33,7 @@ from labyrinth_core.data.storage import (
     write_text,
 )
 from pipeline.machinery.console import say
-from pipeline.machinery.folders import (
-    followed,
-    held,
-    move_into_place,
-    recover,
-    remove,
-    wait_for_disk,
-)
+from pipeline.machinery.folders import followed, held, move_into_place, recover, remove
 
 HASHES = "SHA256SUMS"
 """The name of the list."""
@@ -64,6 +57,9 @@ _LITTER = (
 )
 """Patterns, in lower case, of files and folders that desktops, network file systems and readers
 (Jupyter, `datasets`) leave anywhere."""
+
+_UNKNOWN = "0" * 64
+"""In place of the hash of a file in a store, before it is made."""
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
 """The name of a file of `temporary_beside`, which a process was writing when it was killed."""
@@ -102,15 +98,12 @@ class Sums:
         parts = text.partition(f"{_LEFT}\n")[::2]
         made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
         others = [line for line in _LINE.sub("", text).splitlines() if line]
-        try:
-            is_earlier = not others and any(_EARLIER.fullmatch(name) for name, _ in made)
-            if others[:1] != [_OURS] and not is_earlier:
-                raise ValueError("its first line is not ours")
-            keys = [line.removeprefix(_MADE) for line in others if line.startswith(_MADE)]
-            return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
-        except MALFORMED as error:
-            message = f"{path} is somebody else's: move it away, or choose another folder"
-            raise DatasetError(message) from error
+        is_earlier = not others and any(_EARLIER.fullmatch(name) for name, _ in made)
+        keys = [line.removeprefix(_MADE) for line in others if line.startswith(_MADE)]
+        with suppress(*MALFORMED):
+            if is_earlier or others[0] == _OURS:
+                return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
+        raise DatasetError(f"{path} is somebody else's: move it away, or choose another folder")
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
@@ -142,12 +135,12 @@ class Sums:
 
         A file is hashed if it was written after the list; all are if files were left since then.
         """
+        listed = size_and_time(self.folder / HASHES)[1] if self.made else 0.0
+        may_be_older = {name for name, digest in self.made if not self.left and digest != _UNKNOWN}
 
         def is_whole(name: str) -> bool:
-            path, listed = self.folder / name, self.folder / HASHES
-            if not path.is_file():
-                return False
-            is_older = not self.left and size_and_time(path)[1] < size_and_time(listed)[1]
+            path = self.folder / name
+            is_older = name in may_be_older and path.is_file() and size_and_time(path)[1] < listed
             return is_older or self.has(name)
 
         return sorted({name for name, _ in self.made if not is_whole(name)})
@@ -161,15 +154,12 @@ class Sums:
         """
         if self.folder.exists() and not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file: move it, or {instead}")
-        files = {HASHES, *(n for n, _ in self.made), *(n for n, _ in self.left if self.has(n))}
-        folders = {parent.as_posix() for name in files for parent in PurePath(name).parents}
-
-        def is_ours(name: str) -> bool:
-            path = self.folder / name
-            is_known = (path.is_file() and name in files) or (path.is_dir() and name in folders)
-            return is_known or is_litter(name) or _UNFINISHED.fullmatch(name) is not None
-
-        found = [name for name in _names_in(self.folder) if not is_ours(name)]
+        listed = {HASHES, *(n for n, _ in self.made), *(n for n, _ in self.left if self.has(n))}
+        found = [
+            name
+            for name in _names_in(self.folder)
+            if not (name in listed or is_litter(name) or _UNFINISHED.fullmatch(name))
+        ]
         if lost := [name for name in found if any(fnmatchcase(name, each) for each in ours)]:
             reason = "which would be lost: move it elsewhere"
             raise DatasetError(f"{self.folder} holds {_named(lost)}, {reason}, or {instead}")
@@ -177,14 +167,8 @@ class Sums:
 
     def others(self, files: Mapping[str, bytes]) -> list[str]:
         """Return the names at which files would be written over a person's."""
-
-        def is_free(name: str, content: bytes) -> bool:
-            path = self.folder / name
-            if not path.is_file():
-                return not path.exists()
-            return self.has(name) or path.read_bytes() == content
-
-        return [name for name, content in files.items() if not is_free(name, content)]
+        known = replace(self, left=self.left | _hashes_of(files))
+        return [name for name in files if (self.folder / name).exists() and not known.has(name)]
 
     def require_free(
         self, files: Mapping[str, bytes], key: Key | None, overwrite: bool, instead: str
@@ -217,7 +201,7 @@ class Sums:
             files: The content of each, by name.
             gone: The names of files that are not to be there any more.
         """
-        new = frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
+        new = _hashes_of(files)
         self.folder.mkdir(parents=True, exist_ok=True)
         for unfinished in self.unfinished([*files, HASHES]):
             unfinished.unlink()
@@ -317,8 +301,8 @@ def produced(
             yield made
             Sums.of(made, key, names).write()
             for name in there.strangers(ours, instead):  # More may have come meanwhile.
-                _copy(place / name, made / name)
-            wait_for_disk(made)
+                (made / name).parent.mkdir(parents=True, exist_ok=True)
+                shutil.copy2(place / name, made / name, follow_symlinks=False)
             move_into_place(made, place, mark)
         finally:
             remove(scratch)
@@ -333,19 +317,15 @@ def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instea
     return whole
 
 
-def _copy(old: Path, new: Path) -> None:
-    """Copy a file or an empty folder."""
-    new.parent.mkdir(parents=True, exist_ok=True)
-    if old.is_dir() and not old.is_symlink():
-        new.mkdir(exist_ok=True)
-    else:
-        shutil.copy2(old, new, follow_symlinks=False)
+def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
+    """Return names and hashes of files, given by their content."""
+    return frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
 
 
 def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
     """Empty a folder in a store, and list what is going to be made, before it has a hash."""
     old = {name for name, _ in there.hashes}
-    claimed = frozenset((name, "0" * 64) for name in old.union(names))
+    claimed = frozenset((name, _UNKNOWN) for name in old.union(names))
     replace(there, made=claimed, left=frozenset()).write()
     for name in sorted(old, key=lambda name: name != mark):
         (there.folder / name).unlink(missing_ok=True)
@@ -361,12 +341,11 @@ def differences(there: Key, asked: Key) -> str:
 
 
 def _names_in(folder: AnyPath) -> list[str]:
-    """Return the paths within a folder of its files, and of its empty folders."""
+    """Return the paths of all files in a folder, within it."""
     if isinstance(folder, RemotePath):
         return [path.name for path in folder.iterdir()]
-    found = sorted(folder.rglob("*")) if folder.is_dir() else []
-    filled = {path.parent for path in found}
-    return [path.relative_to(folder).as_posix() for path in found if path not in filled]
+    files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
+    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def _named(names: Sequence[str]) -> str:

@@ -114,7 +114,7 @@ def wait_for_disk(folder: Path) -> None:
 
 
 def move_into_place(made: Path, folder: Path, mark: str) -> None:
-    """Move a folder to its place, and remove a folder that is there.
+    """Move a folder to its place once it would survive a power failure; remove one that is there.
 
     Where a folder cannot be renamed, its files are copied, the mark last. After a crash on the way,
     `recover` puts the replaced folder back or goes on copying.
@@ -124,6 +124,7 @@ def move_into_place(made: Path, folder: Path, mark: str) -> None:
         folder: Its place.
         mark: The name of the file without which readers take the folder for unfinished.
     """
+    wait_for_disk(made)
     try:
         if folder.exists():
             folder.replace(temporary_beside(folder, _REPLACED))

@@ -74,11 +74,6 @@ class Place:
         return self.public / "judged.json"
 
     @property
-    def lock(self) -> tuple[Path, str]:
-        """The lock of the list of what was judged."""
-        return self.public.parent, f"{self.public.name}.judged"
-
-    @property
     def revealed(self) -> Path:
         """The secret, once it is revealed."""
         return self.public / "secret.txt"

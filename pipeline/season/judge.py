@@ -70,7 +70,7 @@ def run(run: Run) -> None:
     if place.revealed.exists():
         raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
     secret = season.require_secret(place.secret)
-    with held(*place.lock), fetched(named) as submission:
+    with held(place.public, place.judged.name), fetched(named) as submission:
         rows = read_rows(place)
         before = next((each for each in rows if _is_of(each, submission)), None)
         config = season.dataset_of(secret)

@@ -22,7 +22,7 @@ def run(run: Run) -> None:
     season = Season.read(place)
     secret = season.require_secret(place.secret)
     files = {}
-    with held(*place.lock):
+    with held(place.public, place.judged.name):
         for number, row in enumerate(read_rows(place), 1):
             kept = place.private / f"{number}.json"
             if not kept.is_file() or file_sha256(kept) != row["results_sha256"]:

@@ -63,7 +63,8 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
         DatasetError: The file cannot be read, or belongs to another run.
     """
     tensors, state = load_tensors(path, "state")
-    require_same(f"{path} is of a run", state["run"], identity, INSTEAD)
+    advice = f": {INSTEAD}, or give overwrite=true to begin anew"
+    require_same(f"{path} is of a run", state["run"], identity, advice)
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])

@@ -18,8 +18,9 @@ from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.machinery.artifact import differences
 
-INSTEAD = ": choose another run_dir, or give overwrite=true to begin anew"
+INSTEAD = "choose another run_dir"
 
 
 def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:
@@ -85,14 +86,12 @@ def require_same(
     thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
     """Raise a DatasetError that names each difference from the description that is required."""
-    found, asked = dict(actual), dict(required)
-    for options in (found, asked):
-        settings = options.pop("settings", {})
-        options |= {f"method.{name}": value for name, value in settings.items()}
-    differences = [
-        f"{name}={found.get(name)}, not {asked.get(name)}"
-        for name in asked | found
-        if found.get(name) != asked.get(name)
-    ]
-    if differences:
-        raise DatasetError(f"{thing} with {'; '.join(differences)}{advice}")
+    if differing := differences(options_of(actual), options_of(required)):
+        raise DatasetError(f"{thing} with {differing}{advice}")
+
+
+def options_of(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a description, in which each setting has the name of its option."""
+    options = {name: value for name, value in description.items() if name != "settings"}
+    settings = description.get("settings", {})
+    return options | {f"method.{name}": value for name, value in settings.items()}

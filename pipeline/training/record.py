@@ -7,28 +7,27 @@ import io
 import json
 import os
 import platform
-import shutil
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json, temporaries, write_bytes, write_text
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.storage import file_sha256, read_json, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
-from pipeline.training.policy import load_tensors
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
-_EVENTS = "events.out.tfevents.*"
 FORMAT = 1
+
+OURS = (RECORD, POLICY, CURVES, f"{Path(RESULTS).stem}*.json")
+"""Patterns of the names of files in the folder of a run; a person may have others there."""
 
 
 def training_versions() -> dict[str, str]:
@@ -96,53 +95,8 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def files_of_run(folder: Path) -> list[Path]:
-    """Return the files of a finished run that another run would replace.
-
-    These are the files that it left, the results of its policy, and a checkpoint that a process
-    was killed before removing.
-
-    Raises:
-        DatasetError: A file with the name of one is not of this run, as far as `run.json` knows.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise DatasetError(f"{folder} is a file: move it, or choose another run_dir")
-    interrupted = [path for path in [folder / CHECKPOINT] if path.exists()]
-    for path in interrupted:
-        load_tensors(path, "state")  # Raises if it is something else.
-    recorded = (read_record(folder) or {"files": {}})["files"]
-    found = [folder / name for name in (RECORD, POLICY, CURVES) if (folder / name).exists()]
-    others = [p for p in found if p.name != RECORD and file_sha256(p) != recorded.get(p.name)]
-    for path in sorted(folder.glob(f"{Path(RESULTS).stem}*.json")):
-        found.append(path)
-        with suppress(*MALFORMED):
-            if read_json(path)["run"]["evaluated"]["weights"] == recorded[POLICY]:
-                continue
-        others.append(path)
-    if others:
-        raise DatasetError(f"{others[0]} is not of the run in its folder: move it away")
-    return [*found, *interrupted, *(folder / BOARD).glob(_EVENTS), *unfinished(folder)]
-
-
-def unfinished(folder: Path) -> list[Path]:
-    """Return what killed processes left that were writing a file of a run in its folder."""
-    names = (CHECKPOINT, POLICY, RECORD, CURVES, RESULTS)
-    return [left for name in names for left in temporaries(folder / name)]
-
-
-def copy_others(folder: Path, target: Path, ours: Iterable[Path]) -> None:
-    """Copy all files of a folder but ours into another folder; nothing if there is no folder."""
-    own = {*ours}
-
-    def ignored(place: str, names: list[str]) -> list[str]:
-        return [name for name in names if Path(place, name) in own]
-
-    if folder.exists():
-        shutil.copytree(folder, target, symlinks=True, ignore=ignored, dirs_exist_ok=True)
-
-
 def open_board(folder: Path) -> Any:
-    """Return a writer of figures for TensorBoard into `tensorboard/`, without earlier events.
+    """Return a writer of figures for TensorBoard into `tensorboard/`.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -152,8 +106,6 @@ def open_board(folder: Path) -> Any:
     except ImportError as error:
         needed = "pip install 'labyrinth-datasets[tensorboard]'"
         raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-    for path in (folder / BOARD).glob(_EVENTS):
-        path.unlink()
     return SummaryWriter(str(folder / BOARD))
 
 

@@ -1,8 +1,8 @@
 """The stage `train`: trains a policy on a dataset, in a folder of its own.
 
 The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It appears whole, with
-`policy.safetensors`, `curves.png` and `run.json`: until then the run is in a hidden folder beside
-it, with a checkpoint, and an earlier run stays in its place.
+`policy.safetensors`, `curves.png` and `run.json`: until then the checkpoint of the run is in a
+hidden folder beside it, and an earlier run stays in its place.
 """
 
 from __future__ import annotations
@@ -25,28 +25,17 @@ from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import (
-    IMAGE_SIZE,
-    PROTOCOLS,
-    TrainingOptions,
-)
+from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.folders import followed, held, move_into_place, recover, wait_for_disk
+from pipeline.machinery.folders import followed, held, remove
 from pipeline.training.checkpoint import Progress, identity_in
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.policy import INSTEAD, require_same, save_policy
-from pipeline.training.record import (
-    CHECKPOINT,
-    copy_others,
-    files_of_run,
-    open_board,
-    read_record,
-    unfinished,
-    write_record,
-)
+from pipeline.training.policy import INSTEAD, options_of, save_policy
+from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
 
 
 def refuse(run: Run) -> None:
@@ -62,42 +51,26 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
-    folder = followed(run.training_folder)
-    with held(folder.parent, folder.name):
-        recover(folder, RECORD)
-        _train(run, folder, checkpoint_seconds)
-
-
-def _train(run: Run, folder: Path, checkpoint_seconds: float) -> None:
-    options = run.options
-    method, settings = find(options.method_name, options.method, options.protocol)
-    device = choose_device(options)
-    identity = identify(run, settings)
-    if not options.overwrite and _is_complete(folder, identity):
+    folder = run.training_folder
+    place = followed(folder)
+    working = place.with_name(f".{place.name}.training")
+    method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
+    identity, overwrite = identify(run, settings), run.options.overwrite
+    rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
+    rules |= {"overwrite": overwrite, "instead": INSTEAD}
+    with held(working.parent, working.name):
+        with produced(folder, options_of(identity), **rules) as made:
+            if made is not None:
+                path = working / CHECKPOINT
+                if overwrite and path.exists() and identity_in(path) != identity:
+                    path.unlink()
+                if method.protocol:
+                    _tell_changes(run.options, settings)
+                done = _train(run, made, path, identity, checkpoint_seconds)
+        remove(working)  # Until now, the next process would go on from the checkpoint.
+    if made is None:
         say(f"{folder} is complete already.")
         return
-    files_of_run(folder)  # Raises before the work begins if a file would be lost.
-    if method.protocol:
-        _tell_changes(options, settings)
-    working = folder.with_name(f".{folder.name}.training")
-    path = working / CHECKPOINT
-    for left in unfinished(working):
-        left.unlink()
-    if options.overwrite and path.exists() and identity_in(path) != identity:
-        path.unlink()
-    cuda = [device] if device.type == "cuda" else []
-    with torch.random.fork_rng(devices=cuda):
-        torch.manual_seed(options.seed)
-        learner, judge = prepare(run, method, settings, device)
-        working.mkdir(parents=True, exist_ok=True)
-        try:
-            with _reporting(options, learner.settings.epochs, working) as report:
-                protocol = PROTOCOLS[options.protocol]
-                done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-        finally:
-            with suppress(OSError):  # Of a run that is to go on, it holds a checkpoint.
-                working.rmdir()
-    _finish(working, folder, run.run_name.name, identity, learner, done)
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
         f"{run.run_name.name}: SR {done.best['validation_sr']:.1%} on validation, "
@@ -106,24 +79,29 @@ def _train(run: Run, folder: Path, checkpoint_seconds: float) -> None:
     )
 
 
-def _is_complete(folder: Path, identity: dict[str, Any]) -> bool:
-    """Return whether a folder holds a finished run; remove what a killed process left in it.
-
-    Raises:
-        DatasetError: The run is another one.
-    """
-    record = read_record(folder)
-    if record is None:
-        return False
-    require_same(f"{folder} holds a run", record["run"], identity, INSTEAD)
-    for left in unfinished(folder):
-        left.unlink()
-    if not (folder / POLICY).is_file():
-        return False
-    with suppress(DatasetError):  # It does not exist, or is a file of the user.
-        identity_in(folder / CHECKPOINT)
-        (folder / CHECKPOINT).unlink()
-    return True
+def _train(
+    run: Run, folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
+) -> Progress:
+    """Train a policy, with a checkpoint at a path, and write what it leaves into a folder."""
+    options = run.options
+    method, settings = find(options.method_name, options.method, options.protocol)
+    device = choose_device(options)
+    cuda = [device] if device.type == "cuda" else []
+    with torch.random.fork_rng(devices=cuda):
+        torch.manual_seed(options.seed)
+        learner, judge = prepare(run, method, settings, device)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            with _reporting(options, learner.settings.epochs, folder) as report:
+                protocol = PROTOCOLS[options.protocol]
+                done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
+        finally:
+            with suppress(OSError):  # Of a run that is to go on, it holds a checkpoint.
+                path.parent.rmdir()
+    save_policy(folder / POLICY, done.weights, learner.problem.spec)
+    computed = {"device": device.type, "threads": torch.get_num_threads()}
+    write_record(folder, run.run_name.name, identity, done, computed)
+    return done
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
@@ -278,25 +256,3 @@ def _reporting(
         bars = stack.enter_context(progress())
         bar = bars.add_task(options.method_title, total=epochs)
         yield report
-
-
-def _finish(
-    working: Path,
-    folder: Path,
-    name: str,
-    identity: dict[str, Any],
-    learner: Learner,
-    done: Progress,
-) -> None:
-    """Write what a run leaves, and put it in the place of an earlier run, whose other files stay.
-
-    A process that is killed on the way has left its checkpoint, from which the next goes on.
-    """
-    working.mkdir(exist_ok=True)
-    save_policy(working / POLICY, done.weights, learner.problem.spec)
-    computed = {"device": learner.problem.device.type, "threads": torch.get_num_threads()}
-    write_record(working, name, identity, done, computed)
-    copy_others(folder, working, files_of_run(folder))
-    wait_for_disk(working)
-    move_into_place(working, folder, RECORD)
-    (folder / CHECKPOINT).unlink(missing_ok=True)

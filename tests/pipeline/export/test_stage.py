@@ -89,19 +89,17 @@ def test_what_is_no_export_is_never_replaced(small_dataset: Run, tmp_path, name)
     assert content_of(tmp_path) == {f"lerobot/labyrinth/3x3/test-v0/{name}": b"mine"}
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "mine/notes.txt", "labyrinth.json/"])
+@pytest.mark.parametrize("name", ["notes.txt", "mine/notes.txt", "labyrinth.json/notes.txt"])
 def test_a_file_of_a_person_in_an_export_stops_what_would_replace_it(
     small_dataset: Run, tmp_path, name
 ):
     made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
-    if name.endswith("/"):
-        (made / name).unlink()
-        (made / name).mkdir()
-    else:
-        (made / name).parent.mkdir(exist_ok=True)
-        (made / name).write_text("mine")
+    if (made / name).parent.is_file():
+        (made / name).parent.unlink()
+    (made / name).parent.mkdir(exist_ok=True)
+    (made / name).write_text("mine")
     before = content_of(tmp_path)
-    reason = f"train-v0 holds {name.removesuffix('/')}, which would be lost: move it elsewhere"
+    reason = f"train-v0 holds {name}, which would be lost: move it elsewhere"
     with pytest.raises(DatasetError, match=reason):
         export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
     assert content_of(tmp_path) == before

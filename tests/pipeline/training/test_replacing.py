@@ -19,6 +19,7 @@ from labyrinth_core.data.storage import file_sha256, temporary_beside
 from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train
 from pipeline.training.methods import bc
 from pipeline.training.record import CHECKPOINT, CURVES
@@ -91,9 +92,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
     while True:
         train.run(run_of(epochs=1))
         (folder / "notes.txt").write_text("mine")
-        (folder / "results.json").write_text(
-            json.dumps({"run": {"evaluated": {"weights": file_sha256(folder / POLICY)}}})
-        )
+        leave(folder, {"results.json": b"of this policy"})
         if not killed_before(moments, run_of()):
             break
         found = folder if folder.exists() else next(folder.parent.glob("*.replaced"))
@@ -104,7 +103,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert require_finished(folder) == 2
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
-        assert there == [CURVES, "notes.txt", POLICY, RECORD]
+        assert there == [HASHES, CURVES, "notes.txt", POLICY, RECORD]
     assert moments > 15
     assert displaced == 1  # Between the two renames, from which the next run recovers.
 
@@ -203,7 +202,7 @@ def test_what_a_killed_run_was_writing_is_removed_by_the_next(run_of: Callable[.
         for name in (CHECKPOINT, POLICY, RECORD, CURVES):
             temporary_beside(place / name).write_text("half")
     train.run(run)
-    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, POLICY, RECORD]
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 import torch
+from tampering import content_of
 
 import pipeline.training
 from labyrinth_core.data.errors import DatasetError
@@ -20,6 +21,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, FORMAT, RECORD, read_record
@@ -63,7 +65,7 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert torch.equal(torch.get_rng_state(), before)
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [CURVES, POLICY, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, POLICY, RECORD]
     record = record_of(run)
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64
@@ -122,7 +124,7 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     changed = {"method": {"epochs": 4}}
     with pytest.raises(DatasetError, match="overwrite=true") as caught:
         train.run(run_of(**changed))
-    assert "a run with method.epochs=3, not 4: choose" in str(caught.value)
+    assert "is made with method.epochs=3, not 4: choose" in str(caught.value)
     assert {path: path.stat().st_mtime_ns for path in run.training_folder.iterdir()} == before
     weights = weights_of(run)
     (run.training_folder / POLICY).unlink()
@@ -137,22 +139,34 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
     folder = run.training_folder
     folder.mkdir(parents=True)
     (folder / POLICY).write_text("mine")
-    with pytest.raises(DatasetError, match=f"{POLICY} is not of the run in its folder"):
+    with pytest.raises(DatasetError, match=f"holds {POLICY}, which would be lost: move it"):
         train.run(run)
     (folder / POLICY).unlink()
     train.run(run)
-    (folder / "notes.txt").write_text("mine")
+    for name in ("notes.txt", CHECKPOINT):
+        (folder / name).write_text("mine")
     train.run(run_of(overwrite=True))
-    assert (folder / "notes.txt").read_text() == "mine"
-    for name, reason in (
-        (CHECKPOINT, "remove it to begin anew"),
-        (CURVES, f"{CURVES} is not of the run in its folder: move it"),
-    ):
+    for name in ("notes.txt", CHECKPOINT):
+        assert (folder / name).read_text() == "mine"
+    for name in (CURVES, "results.json"):
         (folder / name).write_bytes(b"mine")
-        with pytest.raises(DatasetError, match=reason):
+        with pytest.raises(DatasetError, match=f"holds {name}, which would be lost: move it"):
             train.run(run_of(overwrite=True))
         assert (folder / name).read_bytes() == b"mine"
         (folder / name).unlink()
+
+
+def test_a_run_of_an_earlier_version_which_has_no_list_is_refused(
+    run_of: Callable[..., Run],
+) -> None:
+    run = run_of()
+    train.run(run)
+    (run.training_folder / HASHES).unlink()
+    before = content_of(run.training_folder)
+    for options in ({}, {"overwrite": True}):
+        with pytest.raises(DatasetError, match=f"{CURVES}, {POLICY}, {RECORD}, which would be lo"):
+            train.run(run_of(**options))
+    assert content_of(run.training_folder) == before
 
 
 @pytest.mark.parametrize(
