@@ -9,7 +9,7 @@ labyrinths as asked for.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import chain, groupby
 from pathlib import Path
@@ -174,18 +174,16 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
     known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
     if not lines:  # What else the manifest says of rows that are wrong is not known.
         known |= content.counts | {"fingerprint": fingerprint.hexdigest()}
-    lines += _otherwise(shard, known)
+    lines += (
+        f"{shard.path}: {name} {value}, but the manifest says {expected}"
+        for name, value in known.items()
+        if value != (expected := getattr(shard, name))
+    )
     facts = content.facts()
     if job.table_row is not None and not lines:
         lines += table_problems(job, facts, job.table_row)
-    return ShardReport(shard, lines, np.column_stack([facts["structure_id"], begins]))
-
-
-def _otherwise(shard: Shard, known: Mapping[str, int | str]) -> Iterator[str]:
-    """Yield what the manifest says of a shard that is not so."""
-    for name, value in known.items():
-        if value != (expected := getattr(shard, name)):
-            yield f"{shard.path}: {name} {value}, but the manifest says {expected}"
+    structures = np.column_stack([facts["structure_id"], np.array(begins, np.int64)])
+    return ShardReport(shard, lines, structures)
 
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:

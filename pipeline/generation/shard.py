@@ -81,7 +81,8 @@ class ShardThere:
     path: AnyPath
     shard: Shard
     table_row: int | None = None
-    """The row of its first labyrinth in the table of labyrinths; None if the file is damaged."""
+    """The row of its first labyrinth in the table of labyrinths; None if the shard, or the table,
+    is damaged, so that the shard is made again."""
 
 
 @dataclass(frozen=True)
@@ -177,8 +178,10 @@ def make_shard(job: ShardJob) -> Shard:
 
 def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
     """Mark a shard as finished by its sidecar: a line of JSON, and its facts as an array."""
-    line = json.dumps({"key": job.key, "shard": asdict(shard)})
-    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
+    array = facts.tobytes()
+    digest = hashlib.sha256(array).hexdigest()
+    line = json.dumps({"key": job.key, "shard": asdict(shard), "facts": digest})
+    write_bytes(job.sidecar, f"{line}\n".encode() + array)
     return shard
 
 
@@ -190,11 +193,10 @@ def left(job: ShardJob) -> tuple[str, Shard, Facts]:
         MALFORMED: The file is damaged; any of these errors.
     """
     line, _, array = job.sidecar.read_bytes().partition(b"\n")
-    content, facts = json.loads(line), np.frombuffer(array, FACTS)
-    shard = Shard.from_json(content["shard"])
-    if len(facts) != shard.labyrinths:
-        raise ValueError(f"{job.sidecar} holds the facts of {len(facts)} labyrinths")
-    return content["key"], shard, facts
+    content = json.loads(line)
+    if hashlib.sha256(array).hexdigest() != content["facts"]:
+        raise ValueError(f"{job.sidecar} is damaged")
+    return content["key"], Shard.from_json(content["shard"]), np.frombuffer(array, FACTS)
 
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:

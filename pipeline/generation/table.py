@@ -76,6 +76,7 @@ class Content:
         parent_id = NOTHING if parent is None else own_id
         if parent is not None and parent != labyrinth:
             parent_id = int(labyrinth_id(parent), 16)
+        turns = sum(one != other for one, other in pairwise(bytes(routes[0])))
         steps = sum(map(len, routes))
         is_shortest = demonstrated and steps == moves * len(routes)
         counts = self.counts
@@ -93,7 +94,7 @@ class Content:
                 labyrinth.start,
                 labyrinth.goal,
                 moves,
-                _turns(routes[0]) if demonstrated else NOTHING,
+                turns if demonstrated else NOTHING,
                 len(routes),
                 steps + len(routes),
                 steps if is_shortest else count_optimal(labyrinth, routes),
@@ -104,10 +105,6 @@ class Content:
     def facts(self) -> Facts:
         """Return the facts, one item for each labyrinth."""
         return np.array(self._rows, FACTS)
-
-
-def _turns(actions: NDArray[np.int8]) -> int:
-    return sum(one != other for one, other in pairwise(bytes(actions)))
 
 
 def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:
@@ -203,9 +200,7 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
 
 
 def write_table(
-    path: Path,
-    config: DatasetConfig,
-    parts: Iterable[tuple[Shard, Facts]],
+    path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]
 ) -> TableFile:
     """Write the table, a part at a time, and return what was written.
 

@@ -77,6 +77,25 @@ def test_a_missing_shard_is_found(folder: Path) -> None:
     assert problems(folder) == ["s0-00000-of-00001.parquet is missing"]
 
 
+def test_a_shard_without_a_labyrinth_leaves_the_ids_of_structures_whole_numbers(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As numbers with a fraction, ids of 63 bits that differ would be equal."""
+    with rows_of(folder) as rows:
+        for row in rows:
+            row["info"] = ""
+    check_shard, found = checking.check_shard, list[str]()
+
+    def noted(job: checking.CheckJob) -> checking.ShardReport:
+        report = check_shard(job)
+        found.append(f"{len(report.structures)} {report.structures.dtype}")
+        return report
+
+    monkeypatch.setattr(checking, "check_shard", noted)
+    problems(folder)
+    assert found == ["0 int64", *["3 int64"] * 2, *["0 int64"] * 3]
+
+
 def test_a_split_that_the_manifest_lost_is_found(folder: Path) -> None:
     with manifest_of(folder) as content:
         lost = content["shards"].pop()

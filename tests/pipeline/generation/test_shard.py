@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from labyrinth_core.data.storage import write_bytes
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
@@ -55,6 +56,9 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
     with monkeypatch.context() as patch:
         patch.setattr(making, "build_versions", lambda: {"png": "another"})
         assert finished(job) is None
-    assert isinstance(job.path, Path)
-    job.path.write_bytes(job.path.read_bytes()[:-1])
-    assert finished(job) is None
+    for path in (job.path, job.sidecar):
+        whole = path.read_bytes()
+        write_bytes(path, whole[:-1] + bytes([whole[-1] ^ 1]))
+        assert finished(job) is None
+        write_bytes(path, whole)
+        assert finished(job) is not None
