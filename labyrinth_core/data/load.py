@@ -244,9 +244,8 @@ def _cached(
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
         name = name_of(part.folder.name, split, size, _key(part, spec))
-        parts = _parts(part.rows(pictures=spec.decodes), spec, part.config)
         shape = len(part), size, size, 3
-        return Transitions(**cached(folder / name, shape, _observed(parts, spec)))
+        return Transitions(**cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
         warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
@@ -254,31 +253,25 @@ def _cached(
 
 
 def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
-    """Return the transitions, after reading all rows, so that pictures get their room at once.
-
-    Joining pictures that were made one part after the other takes twice as long.
-    """
-    blocks = list(replayed(part.rows(pictures=spec.decodes), part.config))
-    count = sum(len(block.states) for block in blocks)
-    parts = (some for block in blocks for some in block.parts(spec.together))
-    shape = (count, spec.image_size, spec.image_size, 3)
+    shape = len(part), spec.image_size, spec.image_size, 3
+    # Joining pictures that were made one part after the other would take twice as long.
     pictures = np.empty(shape, np.uint8) if spec.observation == "image" else None
-    frames, columns = zip(*_observed(parts, spec, pictures), strict=True)
+    frames, columns = zip(*_observed(part, spec, pictures), strict=True)
     return Transitions(
         np.concatenate(frames) if pictures is None else pictures, **joined_columns(columns)
     )
 
 
 def _observed(
-    parts: Iterable[Episodes], spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
+    part: Part, spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
 ) -> Iterator[tuple[NDArray[Any], Columns]]:
-    """Yield the observations of parts, in `pictures` if given, and their transitions' columns.
+    """Yield observations of all states, in `pictures` if given, and their transitions' columns.
 
     Raises:
-        DatasetError: There are no parts, or a picture cannot be decoded.
+        DatasetError: There is no episode, or a picture cannot be decoded.
     """
     first = 0
-    for episodes in parts:
+    for episodes in _parts(part.rows(pictures=spec.decodes), spec, part.config):
         end = first + len(episodes.states)
         own = None if pictures is None else pictures[first:end]
         steps, rows = np.flatnonzero(episodes.acting), episodes.whole.rows

@@ -256,16 +256,15 @@ class Stream(Generic[Item]):
     def _read(
         self, file: ParquetFile, number: int, groups: list[int], at: Mapping[str, Any]
     ) -> Iterator[Item]:
-        """Yield the items of row groups, in random order if the stream is shuffled."""
+        """Return the items of row groups, in random order if the stream is shuffled."""
         spec, part = self._spec, self._part
         blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
         items = self._items_of(episodes_of(blocks, spec, part.config))
         if not self._order.buffer:
-            yield from items
-            return
+            return items
         every = [*items]
         shuffled = self._random(at, number, 1 + groups[0]).permutation(len(every))
-        yield from map(every.__getitem__, shuffled.tolist())
+        return map(every.__getitem__, shuffled.tolist())
 
 
 def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
