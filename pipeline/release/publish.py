@@ -15,7 +15,7 @@ import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
@@ -66,7 +66,7 @@ def run(run: Run) -> None:
             folder = Path(place)
             stage(folder)
             Sums.of(folder).write()
-            if _release(remote_of(api, repo_id, kind), options, folder, partial(_staged, folder)):
+            if _release(remote_of(api, repo_id, kind), options, folder, nullcontext(folder)):
                 say(load)
 
     if id_ := options.export:
@@ -101,25 +101,20 @@ def _dataset(run: Run, remote: Remote) -> None:
         reason = "holds no finished dataset: labyrinth-datasets makes one"
         raise PublishError(f"{run.local_dir} {reason}")
     options = run.options.publish
-    if _release(remote, options, run.local_dir, partial(_carded, run)):
+    if _release(remote, options, run.local_dir, _carded(run, remote)):
         config = front_matter.default_config(manifests)
         say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
 @contextmanager
-def _staged(folder: Path, create: Callable[[], None]) -> Iterator[Path]:
-    """Create the repository, and yield the folder, which holds the files of the release."""
-    create()
-    yield folder
-
-
-@contextmanager
-def _carded(run: Run, create: Callable[[], None]) -> Iterator[Path]:
-    """Yield the folder with the card of the release; for a dry run, another that looks like it.
-
-    The repository is created before the card is written, since the token may not create it.
-    """
+def _carded(run: Run, remote: Remote) -> Iterator[Path]:
+    """Yield the folder with the card of the release; for a dry run, another that looks like it."""
     options = run.options.publish
+
+    def create() -> None:
+        """Create the repository before the card is written, since the token may not create it."""
+        if not options.dry_run and not remote.exists():
+            remote.create(private=options.private)
 
     def card(folder: Path) -> None:
         release = Release(options.repo_id, options.version, options.export or None)
@@ -149,10 +144,7 @@ def _carded(run: Run, create: Callable[[], None]) -> Iterator[Path]:
 
 
 def _release(
-    remote: Remote,
-    options: PublishOptions,
-    folder: Path,
-    staged: Callable[[Callable[[], None]], AbstractContextManager[Path]],
+    remote: Remote, options: PublishOptions, folder: Path, staged: AbstractContextManager[Path]
 ) -> bool:
     """Return whether files are released now, and tagged.
 
@@ -160,19 +152,13 @@ def _release(
         remote: Where they are released.
         options: How they are released.
         folder: The folder with the files as they are, which may be published already.
-        staged: Gives the folder with the files of this release, if they are not; it calls its
-            argument, which creates the repository if need be, before a file of a user is written.
+        staged: Gives the folder with the files of this release, if they are not.
     """
     exists = remote.exists()
     # Before the card is written, which would describe this version as something else.
     done = exists and _is_published(folder, remote, options)
-
-    def create() -> None:
-        if not exists and not options.dry_run:
-            remote.create(private=options.private)
-
     if not done:
-        with staged(create) as ready:
+        with staged as ready:
             done = _commit_and_tag(ready, remote, options, exists)
     if not done or options.dry_run:
         return False
@@ -222,6 +208,8 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     Raises:
         PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
     """
+    if not exists and not options.dry_run:
+        remote.create(private=options.private)
     head = remote.commit("main") if exists or not options.dry_run else ""
     files = files_of(remote.kind, folder)
     plan = _plan(remote, files, head)
