@@ -110,7 +110,7 @@ def test_one_value_of_a_list_is_the_list_of_it() -> None:
 
 
 @pytest.mark.parametrize("name", BOOLS)
-@pytest.mark.parametrize("value", ["-1", "0", "1", "2.5", "yes", "null", "[true]"])
+@pytest.mark.parametrize("value", ["-1", "1", "yes", "null", "[true]"])
 def test_true_and_false_are_no_numbers(name: str, value: str) -> None:
     with pytest.raises(ConfigError, match=rf"^{name}=.*: give true or false$"):
         composed(f"{name}={value}")

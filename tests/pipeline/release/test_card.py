@@ -33,12 +33,12 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection import analyse, front_matter
-from pipeline.inspection.statistics import statistics_of
+from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
-from pipeline.release.files import files_of
+from pipeline.release.files import files_of, pictures_of
 from pipeline.release.plan import DATASET
 from pipeline.release.provenance import Release
 from pipeline.release.side_files import changelog
@@ -47,6 +47,19 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 TEXTS = ("README.md", "CHANGELOG.md", "CITATION.cff", "SHA256SUMS", "croissant.json")
+
+
+@pytest.fixture
+def folder(folder: Path, carded: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of both datasets, to be changed; their pictures, which take longest, are not drawn."""
+    drawn = everything(carded)
+
+    def pictures(datasets: list[DatasetStatistics], _: str) -> dict[str, bytes]:
+        names = pictures_of([dataset.name for dataset in datasets])
+        return {name: drawn.get(name, b"") for name in names}
+
+    monkeypatch.setattr(card, "_pictures", pictures)
+    return folder
 
 
 def text(folder: Path) -> str:

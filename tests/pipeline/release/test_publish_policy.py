@@ -282,15 +282,11 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     assert "It plans once, in the first picture of an episode" in card
 
 
-@pytest.mark.parametrize(
-    ("protocol", "name"),
-    [("paper", "bc"), ("authors", "scripts.studies.methods.authors.bc:Method")],
-)
 def test_a_policy_of_another_protocol_is_published_with_what_it_has_to_be_shown(
-    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path, protocol: str, name: str
+    trained: Run, manifest: Manifest, staged: Path, tmp_path: Path
 ) -> None:
-    method = {"name": name, "epochs": 1}
-    changed = replace(trained.options, protocol=protocol, method=method, run_dir=str(tmp_path))
+    method = {"name": "bc", "epochs": 1}
+    changed = replace(trained.options, protocol="paper", method=method, run_dir=str(tmp_path))
     run = replace(trained, options=changed)
     train.run(run)
     evaluate_stage.run(run)

@@ -28,8 +28,8 @@ STATED = {
 }
 """Field that only the authors know -> what it is."""
 
-SHOWN = ("train", "test")
-"""The splits that are walked; a submission has no other."""
+SHOWN = ("test",)
+"""The split that is walked; all are read alike, and a submission has no other."""
 
 BASELINES = (("baselines", "oracle"), ("baselines", "random"))
 """The baselines whose figures are walked: one of those that `evaluate` reports, and a blind one."""
