@@ -5,6 +5,9 @@ from __future__ import annotations
 import os
 import shutil
 import subprocess
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import partial
 from pathlib import Path
@@ -61,6 +64,27 @@ def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_pa
     leave(folder, {"of two": b"2"}, key={"key": 2})
     with pytest.raises(DatasetError, match="is made with key=2, not 1"):
         leave(folder, {"of one": b"1"}, key={"key": 1})
+
+
+def test_a_second_process_waits_and_finds_the_artifact(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, begun = tmp_path / "it", threading.Event()
+
+    def make_slowly() -> None:
+        with produced(folder, {"key": 1}) as new:
+            assert new is not None
+            begun.set()
+            while "waiting for another process that works on" not in capsys.readouterr().out:
+                time.sleep(0.01)
+            (new / "a").write_bytes(b"1")
+
+    with ThreadPoolExecutor() as threads:
+        first = threads.submit(make_slowly)
+        assert begun.wait(60)
+        assert not make(folder)
+        first.result()
+    assert made(folder) == {"a": b"1"}
 
 
 def test_an_error_leaves_nothing_new(tmp_path: Path) -> None:

@@ -183,6 +183,20 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     assert "gives another test than the season commits to" in revealed("verify")
 
 
+@pytest.mark.slow
+def test_a_file_of_a_person_is_not_written_over_when_a_season_is_revealed(
+    hidden, tmp_path, make_run
+):
+    perform = Performer(tmp_path, make_run)
+    shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
+    theirs = perform.place.public / "results" / "1.json"
+    theirs.parent.mkdir()
+    theirs.write_text("mine")
+    assert "1.json: made or changed by somebody else, so not written over" in perform("reveal")
+    assert theirs.read_text() == "mine"
+    assert not perform.place.revealed.exists()
+
+
 ON_THE_HUB = """
 import sys
 from pathlib import Path

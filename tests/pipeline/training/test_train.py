@@ -127,9 +127,14 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     assert "is made with method.epochs=3, not 4: choose" in str(caught.value)
     assert {path: path.stat().st_mtime_ns for path in run.training_folder.iterdir()} == before
     weights = weights_of(run)
-    (run.training_folder / POLICY).unlink()
+    (run.training_folder / CURVES).unlink()
     train.run(run)
-    assert weights_of(run) == weights
+    assert "complete already" in capsys.readouterr().out  # No policy is trained for a picture.
+    for damage in (Path.unlink, lambda path: path.write_bytes(weights + b"?")):
+        damage(run.training_folder / POLICY)
+        train.run(run)
+        assert "made anew, as damaged or missing: policy.safetensors" in capsys.readouterr().out
+        assert weights_of(run) == weights
     train.run(run_of(**changed, overwrite=True))
     assert record_of(run)["epochs"] == 4
 
