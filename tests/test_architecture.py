@@ -89,17 +89,10 @@ HOMES = {
     "yaml": ("pipeline",),
     "joblib": ("pipeline.machinery.executor",),
     "distributed": ("pipeline.machinery.executor",),
-    "torch": (
-        "labyrinth_core.policies",
-        "pipeline.training",
-        "pipeline.season.submission",
-    ),
+    "torch": ("labyrinth_core.policies", "pipeline.training", "pipeline.season.submission"),
     "onnxruntime": ("pipeline.season.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
-    "gymnasium": (
-        "labyrinth_core.env",
-        "pipeline.export.minari",
-    ),
+    "gymnasium": ("labyrinth_core.env", "pipeline.export.minari"),
     "matplotlib": ("pipeline.training",),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),
@@ -460,11 +453,7 @@ LIBRARIES = {*packages_distributions(), *HOMES, "pandas"} - sys.stdlib_module_na
 
 
 def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_networks():
-    others = (
-        "labyrinth_core.data.hub",
-        "labyrinth_core.env",
-        "labyrinth_core.policies.networks",
-    )
+    others = ("labyrinth_core.data.hub", "labyrinth_core.env", "labyrinth_core.policies.networks")
     modules = [
         name
         for name in modules_of(ROOT)

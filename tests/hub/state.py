@@ -150,11 +150,7 @@ class RequestLog:
             self.on_exchange(exchange)
 
     def find(
-        self,
-        method: str | None = None,
-        path: str = "",
-        status: int | None = None,
-        since: int = 0,
+        self, method: str | None = None, path: str = "", status: int | None = None, since: int = 0
     ) -> list[Exchange]:
         """Return the exchanges with that method and status whose path matches a pattern."""
         return [

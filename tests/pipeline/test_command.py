@@ -12,7 +12,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, error_of, refused, run, spaced
+from commands import RUN, ended, error_of, refused, run, spaced
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
@@ -35,6 +35,13 @@ sys.exit(__main__.main())
 """The program with another stage."""
 
 
+def run_with(folder: Path, stage: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Return what became of the program in a folder with another stage."""
+    environment = {"PYTHONPATH": str(RUN.parent), "TMPDIR": str(folder)}
+    command = [python(), "-c", PROGRAM.format(stage=stage), *arguments]
+    return ended(command, env=environment, cwd=folder)
+
+
 BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"]
 
 
@@ -42,14 +49,7 @@ BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseExceptio
 def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(tmp_path: Path, seeds: str) -> None:
     stage = f"raise ({', '.join(BUGS)})[run.options.seed]('my own')"
     sweep = ["-m"] if "," in seeds else []
-    done = subprocess.run(
-        [python(), "-c", PROGRAM.format(stage=stage), *sweep, f"seed={seeds}", "stages=build"],
-        env={"PYTHONPATH": str(RUN.parent), "TMPDIR": str(tmp_path)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_with(tmp_path, stage, *sweep, f"seed={seeds}", "stages=build")
     assert done.returncode == 1
     assert "error:" not in done.stderr
     runs = 5 if sweep else 1
@@ -62,14 +62,7 @@ def test_a_fault_of_a_disk_whose_file_is_not_named_is_told_in_one_line(
     tmp_path: Path, number: int
 ) -> None:
     reason = os.strerror(number)
-    done = subprocess.run(
-        [python(), "-c", PROGRAM.format(stage=f"raise OSError({number}, {reason!r})"), "size=3"],
-        env={"PYTHONPATH": str(RUN.parent)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_with(tmp_path, f"raise OSError({number}, {reason!r})", "size=3")
     told = "once that is put right, the same command goes on from what is finished"
     assert error_of(done) == f"error: {reason}: {told}"
 
@@ -79,14 +72,7 @@ def test_a_folder_for_temporary_files_that_is_missing_is_told_in_one_line(tmp_pa
     tempfile._candidate_tempdir_list = lambda: ["/nowhere"]
     tempfile.tempdir = None
     tempfile.gettempdir()"""
-    done = subprocess.run(
-        [python(), "-c", PROGRAM.format(stage=stage), "stages=build"],
-        env={"PYTHONPATH": str(RUN.parent)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = run_with(tmp_path, stage, "stages=build")
     assert error_of(done) == "error: No usable temporary directory found in ['/nowhere']"
 
 

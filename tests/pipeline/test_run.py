@@ -7,13 +7,12 @@ import re
 import shlex
 import shutil
 import signal
-import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from commands import RUN, error_of, refused, run, spaced
+from commands import RUN, ended, error_of, refused, run, spaced
 from quick_python import python
 from tampering import content_of, identities
 
@@ -96,14 +95,8 @@ def test_a_mistake_that_the_build_finds_is_answered_likewise(tmp_path: Path) -> 
 
 def test_a_clone_whose_libraries_are_not_installed_says_so_in_one_line(tmp_path: Path) -> None:
     program = "import sys; sys.modules['hydra'] = None; from pipeline.__main__ import main; main()"
-    result = subprocess.run(
-        [sys.executable, "-c", program, "size=3"],
-        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = os.environ | {"PYTHONPATH": str(RUN.parent)}
+    result = ended([sys.executable, "-c", program, "size=3"], env=environment, cwd=tmp_path)
     assert error_of(result).startswith("error: hydra is not installed: `pip install .`")
 
 
@@ -112,14 +105,8 @@ def test_ctrl_c_while_the_program_is_imported_ends_with_one_line(
     tmp_path: Path, way_in: list[str]
 ) -> None:
     (tmp_path / "hydra.py").write_text("raise KeyboardInterrupt", encoding="utf-8")
-    result = subprocess.run(
-        [sys.executable, *way_in, "size=3"],
-        env=os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{RUN.parent}"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{RUN.parent}"}
+    result = ended([sys.executable, *way_in, "size=3"], env=environment, cwd=tmp_path)
     assert (result.returncode, result.stdout) == (130, "")
     assert result.stderr.startswith("interrupted: ")
     assert len(result.stderr.splitlines()) == 1
@@ -178,31 +165,17 @@ def test_a_full_output_is_answered_with_one_line_and_a_closed_one_with_none(
     tmp_path: Path, arguments: list[str]
 ) -> None:
     command = [python(), str(RUN), *arguments, *(["labyrinths=2"] if arguments else [])]
-    full = subprocess.run(
-        f"{shlex.join(command)} > /dev/full",
-        shell=True,
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
+    full = ended(["sh", "-c", f"{shlex.join(command)} > /dev/full"], cwd=tmp_path)
     assert "No space left" in error_of(full)
-    closed = subprocess.run(
-        ["bash", "-c", f"set -o pipefail; {shlex.join(command)} | true"],
-        cwd=tmp_path,
-        stderr=subprocess.PIPE,
-        text=True,
-        check=False,
-    )
+    piped = f"set -o pipefail; {shlex.join(command)} | true"
+    closed = ended(["bash", "-c", piped], cwd=tmp_path)
     assert (closed.returncode, closed.stderr) == (1, "")
 
 
 # Commands that work.
 
 
-def test_help_lists_the_options_and_does_nothing_else(
-    tmp_path: Path,
-) -> None:
+def test_help_lists_the_options_and_does_nothing_else(tmp_path: Path) -> None:
     version = run(tmp_path, "--version")
     assert (version.returncode, version.stdout) == (0, f"labyrinth-datasets {__version__}\n")
     result = run(tmp_path, "--help")
@@ -301,13 +274,7 @@ def test_a_build_that_is_ended_leaves_no_dataset_and_the_next_run_goes_on(
     tmp_path: Path, build: Build, small_dataset: Run, end: str, status: int, said: str
 ) -> None:
     arguments = ["size=3", "labyrinths=8", "stages=[build]", f"data_dir={tmp_path / 'data'}"]
-    done = subprocess.run(
-        [python(), "-c", ENDED.format(end=end), *arguments],
-        cwd=RUN.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    done = ended([python(), "-c", ENDED.format(end=end), *arguments], cwd=RUN.parent)
     assert done.returncode == status
     assert re.fullmatch(said, done.stderr), done.stderr
     building = tmp_path / "data" / ".3x3.building"
@@ -326,14 +293,8 @@ def test_a_build_that_is_ended_leaves_no_dataset_and_the_next_run_goes_on(
 @pytest.mark.parametrize("parts", ["0", "4"])
 def test_builds_killed_at_random_moments_end_as_an_undisturbed_one(parts: str) -> None:
     script = RUN.parent / "scripts" / "kill_matrix.py"
-    result = subprocess.run(
-        [sys.executable, str(script), "--kills", "3", "--workers", "1", "--parts", parts],
-        env=os.environ | {"PYTHONPATH": str(RUN.parent)},
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=300,
-    )
+    command = [sys.executable, str(script), "--kills", "3", "--workers", "1", "--parts", parts]
+    result = ended(command, env=os.environ | {"PYTHONPATH": str(RUN.parent)})
     assert (result.returncode, result.stderr) == (0, "")
     kills = r"^([3-9]|\d\d+) kills, executor=local, workers=\[1\]"
     assert re.search(kills, result.stdout, re.MULTILINE)
@@ -347,7 +308,7 @@ def test_the_line_that_is_to_be_typed_can_be_pasted(tmp_path: Path, name: str) -
     typed = re.search(r"(?:of the shell: |: give )(.*?)(?: for one text, .*)?$", error)
     assert typed is not None
     command = f"{python()} {RUN} {typed[1]} stages=[build] size=2x3 labyrinths=1"
-    done = subprocess.run(["bash", "-c", command], cwd=tmp_path, capture_output=True, check=False)
+    done = ended(["bash", "-c", command], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert [path.name for path in tmp_path.iterdir()] == [name]
 

@@ -18,10 +18,7 @@ DATASET = resolve(RunConfig(stages=["build"], data_dir="unused")).dataset
 
 @pytest.mark.parametrize(
     ("name", "seeds", "least", "worst"),
-    [
-        ("CartPole-v1", 5, 500, 500),
-        ("MountainCar-v0", 60, -110, -125),
-    ],
+    [("CartPole-v1", 5, 500, 500), ("MountainCar-v0", 60, -110, -125)],
 )
 def test_experts_are_worth_keeping_and_play_the_same_episode_again(name, seeds, least, worst):
     played = [environment_of(name, DATASET).play(seed) for seed in (1, *range(seeds))]

@@ -20,16 +20,13 @@ RUN = Path(__file__).parents[2] / "run.py"
 def run(folder: Path, *arguments: str, **options: Any) -> subprocess.CompletedProcess[str]:
     """Run the command in a folder; `data` in it is the `data_dir` that the tests use."""
     program = sys.executable if "preexec_fn" in options else python()
-    return subprocess.run(
-        [program, "-W", "error", str(RUN), *arguments],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        encoding="utf-8",
-        check=False,
-        timeout=120,
-        **options,
-    )
+    return ended([program, "-W", "error", str(RUN), *arguments], cwd=folder, **options)
+
+
+def ended(command: list[str], **options: Any) -> subprocess.CompletedProcess[str]:
+    """Return what became of any process, with all that it printed."""
+    kept = {"capture_output": True, "text": True, "encoding": "utf-8", "timeout": 300}
+    return subprocess.run(command, check=False, **kept | options)
 
 
 def refused(*arguments: str) -> str:

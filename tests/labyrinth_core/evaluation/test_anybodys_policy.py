@@ -351,11 +351,7 @@ def test_a_mistake_in_one_episode_of_many_is_found(arrays_of):
 
 
 @pytest.mark.parametrize(
-    ("policy", "message"),
-    [
-        (Rounds, "not the class Rounds"),
-        (object(), "not an object of object"),
-    ],
+    ("policy", "message"), [(Rounds, "not the class Rounds"), (object(), "not an object of object")]
 )
 def test_what_is_no_policy_is_refused(datasets, policy, message):
     with pytest.raises(PolicyError, match=rf"\Apolicy: give a function from .*, {message}\Z"):

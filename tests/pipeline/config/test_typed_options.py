@@ -72,12 +72,7 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
 @pytest.mark.parametrize(
     "argument",
     [
-        *(
-            "seed=1e3",
-            "method.learning_rate=1e-3",
-            "size=range(3,6)",
-            "hydra.job=1.10",
-        ),
+        *("seed=1e3", "method.learning_rate=1e-3", "size=range(3,6)", "hydra.job=1.10"),
         *("--config-dir=1.10", "revision=null", "revision=${oc.env:A,b}", "size=5", "shifts=[g]"),
         *("data_dir=runs/1.10", "evaluation.budget=1.10 routes", "evaluation.name='1.10, 2.0'"),
     ],

@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from commands import RUN, ended
 from making import make
 from PIL import Image
 from policies import RELEASED, lay_out_run
@@ -27,8 +27,6 @@ from pipeline.evaluation import evaluate as stage
 from pipeline.evaluation.named import named_policy
 
 __all__ = ["local_hub"]
-
-RUN = Path(__file__).parents[3] / "run.py"
 
 MODULE = """
 import numpy as np
@@ -171,11 +169,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
         ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
         (".@1.0.0", ConfigError, r"policy=\.@1\.0\.0: \. is a folder, which has no revisions"),
         ("absent", DatasetError, "absent is neither a folder nor an id such as user/planner-5x5"),
-        (
-            "strange.py",
-            DatasetError,
-            r"strange\.py is .*: a policy in Python is module:name",
-        ),
+        ("strange.py", DatasetError, r"strange\.py is .*: a policy in Python is module:name"),
     ],
 )
 def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, policy, kind, message):
@@ -244,15 +238,9 @@ def command(small_dataset, policy):
     return ["size=3", f"data_dir={small_dataset.data_dir}", "stages=evaluate", f"policy={policy}"]
 
 
-def ended(*arguments, **options):
-    """Return how a process of Python ended."""
-    command = [python(), *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, check=False, **options)
-
-
 @pytest.mark.slow
 def test_by_command_the_error_of_a_policy_is_one_line_and_its_own_traceback(folder, small_dataset):
-    done = ended(RUN, *command(small_dataset, "strange:Broken"))
+    done = ended([python(), str(RUN), *command(small_dataset, "strange:Broken")])
     assert done.returncode == 1
     first, second, *others = done.stderr.splitlines()
     assert first.startswith("error: the policy raised ArithmeticError: too deep when given uint8")
@@ -270,7 +258,7 @@ def test_no_torch_is_needed_to_judge_a_policy_that_needs_none(small_dataset):
         "import sys; sys.modules['torch'] = None; from pipeline.__main__ import main; "
         f"sys.argv[1:] = {command(small_dataset, 'strange:right')!r}; main()"
     )
-    done = ended("-c", program, env={"PYTHONPATH": str(RUN.parent)})
+    done = ended([python(), "-c", program], env={"PYTHONPATH": str(RUN.parent)})
     assert done.returncode == 0, done.stderr
     assert "s0_and_g" in done.stdout
 
@@ -281,7 +269,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     make(data_dir, "2x3", labyrinths=3, random_steps=5)
     published(local_hub, data_dir)
     by_id = ["size=2x3", "stages=[evaluate,results]", "policy=strange:right", f"dataset={REPO}"]
-    done = ended(RUN, *by_id, "revision=1.0.0", env=environment(local_hub))
+    done = ended([python(), str(RUN), *by_id, "revision=1.0.0"], env=environment(local_hub))
     assert done.returncode == 0, done.stderr
     there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
     policy = named_policy("strange:right")

@@ -7,7 +7,6 @@ import json
 import os
 import re
 import shutil
-import subprocess
 import sys
 import threading
 import time
@@ -18,6 +17,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from commands import ended
 from composing import composed
 from huggingface_hub import DatasetCard, DatasetCardData
 from making import make, make_both
@@ -142,13 +142,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
 
 def test_limits_and_citation_come_before_statistics(carded):
     headings = re.findall(r"^## (.*)$", text(carded), re.MULTILINE)
-    assert headings[:5] == [
-        "Load it",
-        "What is in it",
-        "Limits and biases",
-        "Licence",
-        "Citation",
-    ]
+    assert headings[:5] == ["Load it", "What is in it", "Limits and biases", "Licence", "Citation"]
     assert headings.index("Statistics") > 5
 
 
@@ -201,14 +195,8 @@ def test_every_python_block_runs_on_the_folder(carded, tmp_path):
     program = program.replace("from huggingface_hub import hf_hub_download\n", local)
     program += "\nprint(row['actions'], observation.shape, action, picture.size, len(actions))"
     program += "\nprint(len(steps), min(steps['actions']), min(actions))"
-    done = subprocess.run(
-        [sys.executable, "-W", "error", "-c", program],
-        env=os.environ | {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"},
-        cwd=ROOT,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+    environment = os.environ | {"HF_HOME": str(tmp_path), "HF_HUB_OFFLINE": "1"}
+    done = ended([sys.executable, "-W", "error", "-c", program], env=environment, cwd=ROOT)
     assert done.returncode == 0, done.stderr
     first = pq.read_table(next((carded / DEFAULT).glob("train-*.parquet")))["actions"]
     acted = sum(action >= 0 for action in first.to_pylist())
@@ -416,11 +404,7 @@ def refused(folder: Path, message: str) -> None:
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        (
-            "README.md",
-            "# Another project\n",
-            "is not the README of a dataset: choose another",
-        ),
+        ("README.md", "# Another project\n", "is not the README of a dataset: choose another"),
         ("SHA256SUMS", f"{'0' * 64}  thesis.txt\n", "SHA256SUMS is somebody else's: move it away"),
         (
             f"{OTHER}/test-00000-of-00001.parquet",
@@ -428,11 +412,7 @@ def refused(folder: Path, message: str) -> None:
             "is damaged: its sha256 is not the manifest's; delete it, and build",
         ),
         (f"{DEFAULT}/labyrinths.parquet", "damaged", r"labyrinths\.parquet is damaged: its sha256"),
-        (
-            f"{DEFAULT}/{ANALYSIS}",
-            "{",
-            r"analysis\.json cannot be read: .*; stages=analyse",
-        ),
+        (f"{DEFAULT}/{ANALYSIS}", "{", r"analysis\.json cannot be read: .*; stages=analyse"),
     ],
 )
 def test_a_file_that_is_damaged_or_of_something_else_is_refused(folder, name, content, message):

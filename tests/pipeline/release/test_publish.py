@@ -219,11 +219,7 @@ def test_a_dry_run_without_token_or_network_lists_what_a_new_repository_would_ge
 
 
 def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs(
-    local_hub: LocalHub,
-    releasable: Path,
-    released_hub: LocalHub,
-    released: Path,
-    other_shard: Path,
+    local_hub: LocalHub, releasable: Path, released_hub: LocalHub, released: Path, other_shard: Path
 ) -> None:
     def dry(hub: LocalHub, folder: Path) -> list[str]:
         before, asked = stamps(folder), len(hub.log)

@@ -12,17 +12,7 @@ import yaml
 from exporting import export
 from hub.local_hub import LocalHub
 from huggingface_hub import HfApi
-from publishing import (
-    REPO,
-    built,
-    changes,
-    error_of,
-    held,
-    kill_in,
-    publish,
-    published,
-    run_script,
-)
+from publishing import REPO, built, changes, error_of, held, kill_in, publish, published, run_script
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError

@@ -214,12 +214,7 @@ UNSEEN = (
     ],
 )
 def test_a_token_that_does_not_do_has_its_own_line(
-    local_hub: LocalHub,
-    releasable: Path,
-    token: str | None,
-    repo: str,
-    exists: bool,
-    message: str,
+    local_hub: LocalHub, releasable: Path, token: str | None, repo: str, exists: bool, message: str
 ) -> None:
     if exists:
         local_hub.create_repo(repo, private=repo != REPO)

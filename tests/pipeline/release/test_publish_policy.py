@@ -14,16 +14,7 @@ from typing import Any
 import pytest
 from hub.local_hub import LocalHub
 from huggingface_hub import ModelCard
-from publishing import (
-    REPO,
-    changes,
-    environment,
-    error_of,
-    held,
-    publish,
-    published,
-    run_script,
-)
+from publishing import REPO, changes, environment, error_of, held, publish, published, run_script
 from submitted import of_few
 
 from labyrinth_core import evaluate, load_policy
@@ -89,7 +80,7 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
     assert "4 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
-        *("README.md", "SHA256SUMS", "config.json", "model.safetensors"),
+        *("README.md", "SHA256SUMS", "config.json", "model.safetensors")
     }
     for repo, kind in ((REPO, "dataset"), (MODEL, "model")):
         refs = local_hub.refs(repo, kind)
@@ -232,11 +223,7 @@ def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
     [
         (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not say"),
         (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
-        (
-            ("baselines", "oracle"),
-            None,
-            "is refused: train: the figures of the baseline oracle ",
-        ),
+        (("baselines", "oracle"), None, "is refused: train: the figures of the baseline oracle "),
         (("run", "training", "epochs"), 99, "tells another training than run.json"),
         (("run", "settings", "epochs"), 99, "tells another training than run.json"),
     ],

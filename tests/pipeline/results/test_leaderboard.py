@@ -6,12 +6,12 @@ import csv
 import json
 import re
 import shutil
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import RUN, ended
 from policies import Rounds
 from quick_python import python
 from submitted import content_of, forgetful, of_run, results_of
@@ -205,8 +205,7 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
     told = content["splits"]["test"]
     told["moves"][0][told["outcomes"][0].index("s")] = 3
     submit(content, "5x5/forged.json")
-    arguments = [python(), str(ROOT / "run.py"), command]
-    done = subprocess.run(arguments, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = ended([python(), str(RUN), command], cwd=tmp_path)
     assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
     first, second, third = done.stderr.splitlines()
     assert first == "error: 2 files not on the leaderboard:"
