@@ -1,6 +1,7 @@
 """Measure how fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow.
 
     python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick] [--streams]
+    python scripts/benchmark_load.py --against FOLDER [--labyrinths N] [--rounds N] [--quick]
 
 The baseline is what one writes with the library `datasets` alone: a row, whose picture is decoded
 by Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
@@ -16,7 +17,9 @@ Ours are the following, each timed until every transition has been in an array o
     torch     a `DataLoader` with its own collation, batches of 64 (if torch is installed), whose
               workers are running already; "gathered" lets the dataset make the batches
 
-With `--streams` these are measured alone, beside the streams of `datasets`, in CPU time.
+With `--streams` these are measured alone, beside the streams of `datasets`, in CPU time. With
+`--against` ours are measured alone, beside the same in another tree of the project, such as
+`git worktree add FOLDER COMMIT`: each in a process of its own, whose second call counts.
 
 In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
 median of the rounds' ratios to the baseline of the same order. The dataset is the split train of
@@ -25,8 +28,12 @@ median of the rounds' ratios to the baseline of the same order. The dataset is t
 
 from __future__ import annotations
 
+import argparse
+import os
 import random
+import resource
 import shutil
+import subprocess
 import sys
 import tempfile
 import time
@@ -35,6 +42,7 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from itertools import count, islice, pairwise
 from pathlib import Path
+from statistics import median
 from typing import Any
 
 import numpy as np
@@ -49,8 +57,7 @@ from measuring import (
     take_turns,
 )
 
-from labyrinth_core.data.load import Transitions, load_transitions
-from labyrinth_core.data.stream import stream_transitions
+from labyrinth_core import load_transitions, stream_transitions
 
 SIZE = 64
 BATCH = 64
@@ -88,7 +95,7 @@ def ordered_rows(rows: Callable[[], Iterator[dict[str, Any]]], pairs: int) -> in
 # Ours.
 
 
-def batches(transitions: Transitions, *, shuffled: bool) -> int:
+def batches(transitions: Any, *, shuffled: bool) -> int:
     """Copy all transitions into batches."""
     order = np.arange(len(transitions))
     if shuffled:
@@ -98,7 +105,7 @@ def batches(transitions: Transitions, *, shuffled: bool) -> int:
     )
 
 
-def cold(load: Callable[..., Transitions], folder: Path, *, shuffled: bool) -> int:
+def cold(load: Callable[..., Any], folder: Path, *, shuffled: bool) -> int:
     """Load with an empty cache, and go through all transitions."""
     forget()
     cache = folder / "cold"
@@ -106,7 +113,7 @@ def cold(load: Callable[..., Transitions], folder: Path, *, shuffled: bool) -> i
     return batches(load(cache_dir=cache), shuffled=shuffled)
 
 
-def views(transitions: Transitions, *, shuffled: bool) -> int:
+def views(transitions: Any, *, shuffled: bool) -> int:
     """Take transitions one at a time."""
     indices = list(range(len(transitions)))
     if shuffled:
@@ -126,7 +133,7 @@ def streamed(stream: Callable[[], Iterator[Any]]) -> int:
 # A DataLoader.
 
 
-def torch_loaders(transitions: Transitions) -> dict[str, Any]:
+def torch_loaders(transitions: Any) -> dict[str, Any]:
     """Return data loaders of torch by name, after checking that they yield all transitions."""
     try:
         from torch.utils.data import BatchSampler, DataLoader, RandomSampler
@@ -171,14 +178,7 @@ def contestants(
     from datasets import load_dataset
 
     rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
-    load = partial(load_transitions, data_dir, CONFIG, image_size=SIZE)
-    warm = load(cache_dir=folder / "warm")
-    in_both = {
-        "cold, decoded": partial(cold, load, folder),
-        "cold, drawn": partial(cold, partial(load, draw=True), folder),
-        "warm, batches": partial(batches, warm),
-        "warm, views": partial(views, warm),
-    }
+    warm, in_both = loads(folder, data_dir)
     shuffled = {
         "datasets, random": partial(random_rows, rows, pairs, count()),
         **{f"{name}, random": partial(each, shuffled=True) for name, each in in_both.items()},
@@ -192,22 +192,84 @@ def contestants(
     return {"random": shuffled, "in order": ordered}
 
 
+def loads(folder: Path, data_dir: Path) -> tuple[Any, dict[str, Callable[..., int]]]:
+    """Return transitions in a cache, and what is measured of ours besides streams."""
+    load = partial(load_transitions, data_dir, CONFIG, image_size=SIZE)
+    warm = load(cache_dir=folder / "warm")
+    return warm, {
+        "cold, decoded": partial(cold, load, folder),
+        "cold, drawn": partial(cold, partial(load, draw=True), folder),
+        "warm, batches": partial(batches, warm),
+        "warm, views": partial(views, warm),
+    }
+
+
 def streams(data_dir: Path, pairs: int) -> dict[str, Callable[[], int]]:
     """Return the streams by name, those of `datasets` first; "row groups" is after `reshard`."""
     from datasets import load_dataset
 
     theirs = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
-    ours = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
     return {
         "datasets, stream": partial(ordered_rows, lambda: iter(theirs()), 2 * pairs),
         "datasets, stream, row groups": partial(
             ordered_rows, lambda: iter(theirs().reshard()), 2 * pairs
         ),
+        **our_streams(data_dir),
+    }
+
+
+def our_streams(data_dir: Path) -> dict[str, Callable[[], int]]:
+    """Return our streams by name."""
+    ours = partial(stream_transitions, data_dir, CONFIG, image_size=SIZE)
+    return {
         "stream, decoded": partial(streamed, ours),
         "stream, decoded, shuffled": partial(streamed, partial(ours, shuffle=True)),
         "stream, drawn": partial(streamed, partial(ours, draw=True)),
         "stream, drawn, shuffled": partial(streamed, partial(ours, draw=True, shuffle=True)),
     }
+
+
+# Two trees.
+
+
+def measure_one(name: str, data_dir: Path) -> None:
+    """Print the seconds of a call and of its CPU, and the peak memory of this process in MiB."""
+    with tempfile.TemporaryDirectory() as folder:
+        if name in our_streams(data_dir):
+            call = our_streams(data_dir)[name]
+        else:
+            call = partial(loads(Path(folder), data_dir)[1][name], shuffled=False)
+        call()
+        begun, used = time.perf_counter(), time.process_time()
+        call()
+        seconds, cpu = time.perf_counter() - begun, time.process_time() - used
+    print(seconds, cpu, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)
+
+
+def measured_in(tree: Path, name: str, data_dir: Path) -> tuple[float, ...]:
+    """Return what `measure_one` prints in a process that imports another tree."""
+    command = [sys.executable, __file__, "--one", name, "--data", str(data_dir)]
+    environment = os.environ | {"PYTHONPATH": str(tree)}
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    return tuple(map(float, done.stdout.split()))
+
+
+def against(tree: Path, data_dir: Path, rounds: int) -> None:
+    """Print, for each of ours, how many times as fast it is here as in another tree."""
+    print(f"{'':28}{'seconds':>10}{'times':>8}{'range':>14}{'CPU':>8}{'MiB':>8}{'times':>8}")
+    names = ["cold, decoded", "cold, drawn", "warm, batches", "warm, views"]
+    for name in [*names, *our_streams(data_dir)]:
+        places = {"here": Path(__file__).parents[1], "there": tree}
+        turns = {key: partial(measured_in, place, name, data_dir) for key, place in places.items()}
+        found = take_turns(turns, rounds)
+        here, there = (np.array(found[key]) for key in ("here", "there"))
+        clock, cpu, memory = (there / here).T
+        print(
+            f"{name:28}{median(here[:, 0]):>10.3f}{median(clock):>8.3f}"
+            f"{min(clock):>8.2f}-{max(clock):.2f} {median(cpu):>8.3f}"
+            f"{median(here[:, 2]):>8.0f}{1 / median(memory):>8.3f}",
+            flush=True,
+        )
 
 
 def main() -> None:
@@ -216,7 +278,13 @@ def main() -> None:
     parser.add_argument("--labyrinths", type=positive, default=1_000, help="in the split train")
     parser.add_argument("--pairs", type=positive, default=200, help="transitions of datasets")
     parser.add_argument("--streams", action="store_true", help="measure streams alone")
+    parser.add_argument("--against", type=Path, help="another tree of the project")
+    parser.add_argument("--one", help=argparse.SUPPRESS)
+    parser.add_argument("--data", type=Path, help=argparse.SUPPRESS)
     arguments = parser.parse_args()
+    if arguments.one:
+        measure_one(arguments.one, arguments.data)
+        return
     if arguments.quick:
         arguments.labyrinths, arguments.pairs, arguments.rounds = 100, 50, 2
     warnings.filterwarnings("ignore", message="This DataLoader will create")
@@ -227,6 +295,9 @@ def main() -> None:
         libraries = ("numpy", "pillow", "pyarrow", "datasets", "torch")
         about = f"{arguments.labyrinths:,} labyrinths, {arguments.rounds} rounds"
         print(f"{machine(*libraries)}; {about}")
+        if arguments.against:
+            against(arguments.against.resolve(), folder / "data", arguments.rounds)
+            return
         place = folder / "data", arguments.pairs
         found = {"": streams(*place)} if arguments.streams else contestants(folder, *place)
         for by_name in found.values():

@@ -15,7 +15,7 @@ import math
 import os
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from tokenize import TokenError
@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import locked, naming
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """The environment variable for the most gigabytes of caches in a folder, and its default."""
@@ -181,29 +181,43 @@ def joined_columns(parts: Sequence[Columns]) -> Columns:
 
 def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
     """Make the folder of a cache, in place of a damaged one."""
-    temporary = folder.with_name(f".{folder.name}")
+    temporary, parts = folder.with_name(f".{folder.name}"), []
+
+    def frames() -> Iterator[NDArray[np.uint8]]:
+        for some, columns in content:
+            parts.append(columns)
+            yield some
+
     _remove(temporary)  # A process that was killed may have left it.
     temporary.mkdir()
     try:
-        # Written, not mapped: on a full disk a process that writes to mapped memory is killed.
-        with (temporary / FRAMES).open("wb") as file:
-            header = {"descr": "|u1", "fortran_order": False, "shape": shape}
-            npy.write_array_header_1_0(file, header)
-            parts: list[Columns] = []
-            for frames, columns in content:
-                file.write(np.ascontiguousarray(frames).data)
-                parts.append(columns)
-            file.flush()
-            # Otherwise, after a power failure, the name could be there without the content.
-            os.fsync(file.fileno())
-        joined = joined_columns(parts)
-        for name, array in joined.items():
-            np.save(temporary / f"{name}.npy", array)
-        (temporary / SUM).write_bytes(_digest(folder.name, joined))
+        with naming(folder):
+            _save(temporary / FRAMES, np.dtype(np.uint8), shape, frames())
+            joined = joined_columns(parts)
+            for name, array in joined.items():
+                _save(temporary / f"{name}.npy", array.dtype, array.shape, [array])
+            (temporary / SUM).write_bytes(_digest(folder.name, joined))
+            # Otherwise, after a power failure, the name could be there without the frames.
+            with (temporary / FRAMES).open("rb") as file:
+                os.fsync(file.fileno())
         _remove(folder)
         temporary.replace(folder)
     finally:
         _remove(temporary)
+
+
+def _save(
+    path: Path, dtype: np.dtype[Any], shape: tuple[int, ...], parts: Iterable[NDArray[Any]]
+) -> None:
+    """Write an array, given in parts, into a file in the format .npy.
+
+    It is written, not mapped: on a full disk a process that writes to mapped memory is killed.
+    """
+    with path.open("wb") as file:
+        header = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
+        npy.write_array_header_1_0(file, header)
+        for part in parts:
+            file.write(np.ascontiguousarray(part).data)
 
 
 def _remove(folder: Path) -> None:

@@ -200,7 +200,8 @@ def test_a_cache_of_another_key_is_made_again(data_dir, cache):
 
 
 @pytest.mark.parametrize(
-    ("obstacle", "message"), [("a file", "held in memory"), ("full", "No space left on device")]
+    ("obstacle", "message"),
+    [("a file", "held in memory"), ("full", "No space left on device: .*3x3-train-8-")],
 )
 def test_a_folder_that_cannot_be_written_is_warned_of_and_done_without(
     data_dir, cache, monkeypatch, obstacle, message

@@ -284,9 +284,19 @@ def test_a_state_or_epoch_that_cannot_be_is_refused(folders):
             ValueError, match=r"\Aload_state_dict: .* is not what state_dict gave\Z"
         ):
             stream.load_state_dict(wrong)
-    for options in ({"shuffle": 31}, {"shuffle": 30, "split": "random"}, {}):
-        other = stream_episodes(folders[7], CONFIG, **options, **VECTOR)
-        with pytest.raises(ValueError, match=r"\Aload_state_dict: the state is of another stream"):
+    same = {"shuffle": 30}
+    for folder, options in (
+        (folders[7], {"shuffle": 31}),
+        (folders[7], {}),
+        (folders[7], same | {"split": "random"}),
+        (folders[7], same | {"labyrinths": 3}),
+        (folders[7], same | {"rank": 0, "world_size": 2}),
+        (folders[2], same),
+    ):
+        other = stream_episodes(folder, CONFIG, **options, **VECTOR)
+        with pytest.raises(
+            ValueError, match=r"\Aload_state_dict: the state is of another stream: [^\n]+\Z"
+        ):
             other.load_state_dict(state)
     stream.load_state_dict(state)
     with worker(0, 2), pytest.raises(ValueError, match="another stream"):
