@@ -20,8 +20,9 @@ from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, by_method, read_run, read_runs, solved_in, whole
 from methods.authors.learner import try_out
+from run_queue import AUTHORS, RESNET
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
@@ -31,8 +32,9 @@ from pipeline.results.paper import METHODS, PaperFigure, paper_figures
 Rates = Mapping[tuple[str, str], float]
 """Split and method -> the success rate of usual runs, the mean over seeds."""
 
-VERDICTS = ("reproduced", "explained", "impossible", "open")
-"""Ours is within chance of the paper's; a run of the authors' protocol is; it cannot be; none."""
+VERDICTS = ("reproduced", "explained", "impossible", "open", "not run")
+"""Ours is within chance of the paper's; a run of the authors' protocol is; it cannot be; none; or
+none, and the authors' protocol was not run."""
 
 Judged = tuple[float, float | None, float, str]
 """The rate printed, by the authors' protocol (None if it was not run), ours, and the verdict."""
@@ -106,10 +108,36 @@ def verdicts() -> str:
         found = []
         for printed, theirs, ours, verdict in judged:
             tried = "-" if theirs is None else whole(theirs)
+            if verdict == "not run":
+                verdict += f": {AUTHORS[config][method][1]} hours"
             found.append(f"{whole(printed)} / {tried} / {whole(ours)}, {verdict}")
         rows.append([f"{config}, {METHODS[method]}", *found])
     heading = "% solved: printed / authors' protocol / ours"
     return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 6)
+
+
+def resnet() -> str:
+    """Return a table of the paper's cells beside our runs with ResNet-18, each with a verdict."""
+    heading = ["% solved: printed / ResNet-18 here", "epochs"]
+    rows = [
+        [f"{config}, {METHODS[method]}", *_with_resnet(config, method, methods[method])]
+        for config, methods in RESNET.items()
+        for method in METHODS
+    ]
+    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 7)
+
+
+def _with_resnet(config: str, method: str, hours: float) -> list[str]:
+    figures = [paper_figures()[config, split, method] for split in EVALUATED_SPLITS]
+    path = RESULTS / f"runs/{config}/{method}-resnet18-seed0.json"
+    if not path.exists():
+        return ["", *(f"{printed_in(each)} / -, not run: {hours} hours" for each in figures)]
+    kept = read_run(path)
+    found = [str(kept["run"]["training"]["epochs"])]
+    for figure in figures:
+        ours = float(kept["solved"][figure.split].mean())
+        found.append(f"{whole(figure.sr)} / {whole(ours)}, {judge(figure, ours, ours)[-1]}")
+    return found
 
 
 def counted_verdicts() -> str:
@@ -151,7 +179,7 @@ def judge(figure: PaperFigure, ours: float, theirs: float | None) -> Judged:
     elif theirs is not None and fits(figure, theirs, count):
         verdict = "explained"
     else:
-        verdict = "open"
+        verdict = "not run" if theirs is None else "open"
     return figure.sr, theirs, ours, verdict
 
 

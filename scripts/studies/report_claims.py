@@ -9,6 +9,7 @@ Intervals: 95% bootstrap over labyrinths and seeds. `report_pages.py` writes and
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from figures import draw_rates
 from kept_results import RESULTS, Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from run_queue import HOURS, LONGEST, missing_in
 
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
@@ -125,7 +127,12 @@ def pairs() -> str:
     """Return which methods differ by more than chance."""
     groups = thousand().items()
     rates = {name: solved_in(runs, SPLIT).mean(axis=1) for name, runs in groups}
-    return "\n\n".join(pairs_of_methods(rates))
+    spread = (
+        f"{name} {len(each)} ({whole(each.min())} to {whole(each.max())}%)"
+        for name, each in rates.items()
+    )
+    seeds = f"Seeds, and what the worst and the best of them solve: {', '.join(spread)}."
+    return "\n\n".join([*pairs_of_methods(rates), seeds])
 
 
 def new_routes() -> str:
@@ -188,7 +195,8 @@ def draw() -> Figure:
 def costs() -> str:
     """Return a table of runs and core-hours by method, of all runs that are kept in a folder."""
     found: dict[str, dict[tuple[Any, ...], float]] = {}
-    for content in _kept():
+    logged = _logged()
+    for path, content in _kept():
         if "variant" in content:  # Of the ablation (docs/results/ARCHIVE.md).
             method, seconds = content["variant"], content["cpu_seconds"]
             method = "BC" if method.startswith("bc") else "planner"
@@ -199,6 +207,7 @@ def costs() -> str:
             on_slots = run["method"].startswith("slots-")
             method = "BC and VIN on slots" if on_slots else name_of(run["method"])
             key = (run["fingerprint"], run["seed"], seconds)  # Evaluated on several datasets.
+            seconds = logged.get(path.relative_to(RESULTS).as_posix(), seconds)
         found.setdefault(method, {})[key] = seconds
     rows = [
         [method, str(len(runs)), f"{sum(runs.values()) / 3600:.1f}"]
@@ -209,9 +218,30 @@ def costs() -> str:
     return table(["method", "runs", "hours"], [*rows, ["all", runs, f"{hours:.1f}"]])
 
 
-def _kept() -> Iterator[dict[str, Any]]:
-    """Yield the content of each file that describes a run with the time that it took."""
+def missing() -> str:
+    """Return a table of the runs of the queue that are not kept, with their hours."""
+    left = [each for each in missing_in(RESULTS) if each.hours <= LONGEST]
+    longer = [each for each in missing_in(RESULTS) if each.hours > LONGEST]
+    rows = [[f"`{each.kept}`", "1", f"{each.hours}"] for each in longer]
+    for folder in sorted({each.folder for each in left}):
+        hours = [each.hours for each in left if each.folder == folder]
+        rows.append([f"others in `{folder}`", str(len(hours)), f"{sum(hours):.1f}"])
+    return table(["not run", "runs", "hours"], rows)
+
+
+def _logged() -> dict[str, float]:
+    """Return the seconds of processor time of runs of the queue, by their places."""
+    seconds: dict[str, float] = {}
+    log = RESULTS / HOURS
+    for line in log.read_text(encoding="utf-8").splitlines() if log.exists() else ():
+        place, hours, _ = line.split(",")
+        seconds[place] = seconds.get(place, 0) + 3600 * float(hours)
+    return seconds
+
+
+def _kept() -> Iterator[tuple[Path, dict[str, Any]]]:
+    """Yield each file that describes a run with the time that it took, and its content."""
     for path in sorted(RESULTS.rglob("*-seed*.json")):
         content = read_json(path)
         if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
-            yield content
+            yield path, content

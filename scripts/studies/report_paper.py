@@ -40,7 +40,7 @@ def of_size(config: str) -> str:
     rows = []
     for pattern, note in (
         ("*-cnn-seed?.json", ""),
-        ("bc-resnet18-seed?.json", ", ResNet-18"),
+        ("*-resnet18-seed?.json", ", ResNet-18"),
         ("bc-cnn-seed?-paper.json", ", `protocol=paper`"),
         ("planner-seed?.json", ""),
     ):

@@ -4,7 +4,8 @@
     OMP_NUM_THREADS=1 nohup nice -n 19 python scripts/studies/run_queue.py --kept FOLDER &
 
 Results lie in FOLDER as in docs/results, with the hours of each run in `hours.csv`. A run that is
-kept in either is not repeated; one that was killed goes on from its checkpoint.
+kept in either is not repeated; one that was killed goes on from its checkpoint. `report_pages.py`
+says what is missing.
 """
 
 from __future__ import annotations
@@ -24,8 +25,8 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs/results"
 HOURS = "hours.csv"
-"""The log, in the folder of the results: the path of each result, its hours of processor time, and
-its hours on the clock since the queue last began with it."""
+"""The log, in the folder of the results: the path of each result, its hours of processor time and
+on the clock; several lines if the queue was ended meanwhile."""
 
 LONGEST = 2.0
 """The hours of the longest run that the queue takes on; of longer ones the page gives the hours."""
@@ -49,9 +50,9 @@ RESNET = {
 """Hours of each method with ResNet-18, estimated from some epochs; the least first."""
 
 AUTHORS = {
-    "3x3": {"dagger": (200, 0.4), "bco": (500, 0.8), "iupe": (500, 0.8)},
-    "5x5": {"dagger": (150, 0.5), "bco": (100, 0.6), "iupe": (100, 0.6)},
-    "4x4": {"dagger": (150, 0.5), "bco": (100, 0.6), "iupe": (100, 0.6)},
+    "3x3": {"bc": (1000, 0.1), "dagger": (200, 0.4), "bco": (500, 0.6), "iupe": (500, 0.6)},
+    "5x5": {"dagger": (150, 0.5), "bco": (100, 0.5), "iupe": (100, 0.5)},
+    "4x4": {"iupe": (100, 0.5), "dagger": (150, 0.5), "bco": (100, 0.5)},
 }
 """Epochs and hours of each method by the authors' protocol with batches of 8."""
 
@@ -70,6 +71,11 @@ class Planned:
     options: str
     """Those of training and evaluation."""
     evaluate_on: str = ""
+
+    @property
+    def folder(self) -> str:
+        """The folder of the results."""
+        return Path(self.kept).parent.as_posix()
 
     @property
     def found(self) -> str:
@@ -106,6 +112,11 @@ def planned() -> Iterator[Planned]:
             yield Planned(name, hours, given, THOUSAND)
 
 
+def missing_in(*folders: Path) -> list[Planned]:
+    """Return the runs that none of some folders of results holds."""
+    return [each for each in planned() if not any((one / each.kept).exists() for one in folders)]
+
+
 def main() -> None:
     """Run what is missing, or list all runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -113,15 +124,12 @@ def main() -> None:
     parser.add_argument("--list", action="store_true", help="only list the runs and their hours")
     given = parser.parse_args()
     kept = given.kept.resolve()
-    missing = [
-        each
-        for each in planned()
-        if not any((folder / each.kept).exists() for folder in (RESULTS, kept))
-    ]
+    missing = missing_in(RESULTS, kept)
     if given.list:
         for each in missing:
             print(f"{each.hours:5.2f} h{' (left out)' * (each.hours > LONGEST)}  {each.kept}")
         return
+    kept.mkdir(parents=True, exist_ok=True)
     # `subprocess.run` then kills what it waits for; a checkpoint is half a minute old at most.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     for options in DATASETS:
@@ -138,17 +146,22 @@ def perform(run: Planned, kept: Path) -> None:
     try:
         for options in run.commands():
             program(options)
+        keep(run, kept)
     except subprocess.CalledProcessError as error:
         print(f"failed: {error}", flush=True)
-        return
+    finally:
+        spent = (processor_seconds() - before, time.time() - began)
+        with (kept / HOURS).open("a", encoding="utf-8") as log:
+            log.write(",".join([run.kept, *(f"{each / 3600:.3f}" for each in spent)]) + "\n")
+
+
+def keep(run: Planned, kept: Path) -> None:
+    """Copy the results of a run that was evaluated to where they are kept."""
     (found,) = (ROOT / "runs").glob(run.found)
     target = kept / run.kept
     target.parent.mkdir(parents=True, exist_ok=True)
     shutil.copy(found, target.with_suffix(".part"))
     target.with_suffix(".part").replace(target)
-    spent = processor_seconds() - before
-    with (kept / HOURS).open("a") as log:
-        log.write(f"{run.kept},{spent / 3600:.3f},{(time.time() - began) / 3600:.3f}\n")
 
 
 def processor_seconds() -> float:

@@ -15,7 +15,7 @@ from pipeline.results.paper import paper_figures
         (("5x5", "test", "bc"), 0.04, None, "reproduced"),
         (("5x5", "test", "bc"), 0.48, 0.06, "explained"),
         (("5x5", "test", "bc"), 0.48, 0.30, "open"),
-        (("5x5", "test", "bc"), 0.48, None, "open"),
+        (("5x5", "test", "bc"), 0.48, None, "not run"),
     ],
 )
 def test_a_cell_of_the_paper_has_the_first_verdict_that_holds(

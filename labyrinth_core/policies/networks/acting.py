@@ -18,8 +18,8 @@ from labyrinth_core.policies.networks.symmetry import Averaged
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.world.labyrinth import Task
 
-BATCH = 256
-"""The number of observations in a forward pass without gradients."""
+BATCH = 64
+"""The number of observations in a forward pass without gradients; of more, layers leave caches."""
 
 
 def make_network(

@@ -13,8 +13,10 @@ from torch import Tensor, nn
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
-from labyrinth_core.policies.networks.acting import BATCH
 from labyrinth_core.policies.networks.network import MOMENTUM
+
+SETTLED_BY = 256
+"""The number of observations in a batch of `settle`; another gives other statistics."""
 
 
 class Steps(NamedTuple):
@@ -107,7 +109,7 @@ def settle(network: nn.Module, observations: Tensor) -> None:
         layer.momentum = None  # The mean over all batches, weighted equally.
     network.train()
     with torch.no_grad():
-        for batch in observations.split(BATCH):
+        for batch in observations.split(SETTLED_BY):
             network(batch)
     for layer in normalising:
         layer.momentum = MOMENTUM

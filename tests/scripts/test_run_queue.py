@@ -1,0 +1,52 @@
+"""The queue of runs: each is one that the program makes, and what is kept is not repeated."""
+
+from __future__ import annotations
+
+import shlex
+from pathlib import Path
+
+import pytest
+import run_queue as queue
+from composing import composed
+
+from pipeline.training.methods.method import find
+
+
+def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
+    for each in queue.planned():
+        training, evaluation = each.commands()
+        run = composed(*shlex.split(training))
+        find(run.options.method_name, run.options.method, run.options.protocol)
+        assert (run.training_folder.parent, run.training_folder.name) == (
+            Path("runs", each.folder),
+            Path(each.kept).stem,
+        )
+        assert composed(*shlex.split(evaluation)).options.evaluate_on == each.evaluate_on
+
+
+def test_what_is_kept_is_not_repeated_and_all_hours_are_logged(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = queue.Planned("runs/3x3/mine-cnn-seed0.json", 1.0, "size=3")
+    done: list[str] = []
+
+    def program(options: str) -> None:
+        done.append(options)
+        if "stages=evaluate" in options:
+            if len(done) == 2:
+                raise SystemExit(143)  # As after SIGTERM.
+            left = tmp_path / "runs/runs/3x3/mine-cnn-seed0/results.json"
+            left.parent.mkdir(parents=True)
+            left.write_text("{}")
+
+    monkeypatch.setattr(queue, "program", program)
+    monkeypatch.setattr(queue, "ROOT", tmp_path)
+    monkeypatch.setattr(queue, "planned", lambda: iter([run]))
+    with pytest.raises(SystemExit):
+        queue.perform(run, tmp_path)
+    assert queue.missing_in(tmp_path) == [run]
+    queue.perform(run, tmp_path)
+    assert queue.missing_in(tmp_path) == []
+    assert (tmp_path / run.kept).read_text() == "{}"
+    logged = [line.split(",")[0] for line in (tmp_path / queue.HOURS).read_text().splitlines()]
+    assert logged == [run.kept, run.kept]
