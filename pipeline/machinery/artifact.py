@@ -332,7 +332,9 @@ def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
 
 
 def differences(there: Key, asked: Key) -> str:
-    """Return what differs between two keys: `seed=3, not 4`."""
+    """Return what differs between two keys, such as `seed=3, not 4`; the first if all does."""
+    if there and not there.keys() & asked.keys():
+        return "; ".join(f"{name}={value}" for name, value in there.items())
     return "; ".join(
         f"{name}={there.get(name)}, not {asked.get(name)}"
         for name in {**asked, **there}

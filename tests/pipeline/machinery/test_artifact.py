@@ -64,6 +64,8 @@ def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_pa
     leave(folder, {"of two": b"2"}, key={"key": 2})
     with pytest.raises(DatasetError, match="is made with key=2, not 1"):
         leave(folder, {"of one": b"1"}, key={"key": 1})
+    with pytest.raises(DatasetError, match="is made with key=2: choose"):  # Of another kind.
+        leave(folder, {"of one": b"1"}, key={"policy": "a", "budget": 1})
 
 
 def test_a_second_process_waits_and_finds_the_artifact(
