@@ -283,7 +283,7 @@ def produced(
     with held(place.parent, place.name):
         if isinstance(place, Path):
             recover(place, mark)
-        there = Sums.read(place)
+        there = Sums.read(folder)
         if is_whole(there, key, ours, overwrite, instead):
             yield None
             return
