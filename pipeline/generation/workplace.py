@@ -79,8 +79,7 @@ class Workplace:
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         with suppress(DatasetError):
             manifest = Manifest.read(self.folder)
-            names |= {MANIFEST, *(shard.path for shard in manifest.shards)}
-            names |= {TABLE} if manifest.labyrinths is not None else set()
+            names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
         if isinstance(self.folder, RemotePath) and self.has_begun:
             there = {path.name for path in self.folder.iterdir()}
             names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
@@ -93,8 +92,7 @@ class Workplace:
         manifest, which is the last to be written.
         """
         files = [(shard.path, shard.bytes, shard.sha256) for shard in manifest.shards]
-        if manifest.labyrinths is not None:
-            files.append((TABLE, manifest.labyrinths.bytes, manifest.labyrinths.sha256))
+        files.append((TABLE, manifest.table.bytes, manifest.table.sha256))
         return [name for name, size, digest in files if not self._is_whole(name, size, digest)]
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
