@@ -55,8 +55,9 @@ Content = Iterable[tuple[NDArray[np.uint8], Columns]]
 """Frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
-def name_of(config: str, split: str, image_size: int, key: str) -> str:
-    """Return the name of a cache's folder; the key is a hash of all that the content depends on."""
+def name_of(config: str, split: str, image_size: int, content: tuple[Any, ...]) -> str:
+    """Return the name of a cache's folder, given all else that its content depends on."""
+    key = hashlib.sha256(repr((image_size, *content)).encode()).hexdigest()
     return f"{config}-{split}-{image_size}-{key[:32]}"
 
 
@@ -101,11 +102,10 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     folder.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(folder.parent)
     with locked(folder.with_name(f".{folder.name}.lock")):
-        found = _read(folder, shape)
-        if found is None:
+        if _read(folder, shape) is None:  # No other process has made it meanwhile.
             _make_room(folder, most - size)
             _make(folder, shape, content)
-            found = _read(folder, shape)
+    found = _read(folder, shape)
     if found is None:
         raise OSError(f"{folder} was made, but is not what was written")
     return found

@@ -96,8 +96,6 @@ class Part:
             return
         marks = np.split(self.marks[number], group_ends(file)[:-1])
         groups = [group for group in groups if marks[group].any()]
-        if not groups:
-            return
         first, kept = 0, np.concatenate([marks[group] for group in groups])
         for rows in rows_together(file, groups, pictures=pictures):
             end = first + len(rows.actions)

@@ -154,11 +154,6 @@ class DatasetConfig:
         """The names of all splits, in order."""
         return BASE_SPLITS + self.shifts
 
-    def is_cut(self, split: str, routes: int) -> bool:
-        """Return whether `solutions_limit` may have left out some of the `routes`."""
-        several = self.solutions != "shortest" and split != "random"
-        return several and routes == self.solutions_limit
-
     @property
     def name(self) -> str:
         """The name of the config on the Hub and of the folder, such as `5x5-key_and_door`."""

@@ -11,8 +11,6 @@ evaluated.
 
 from __future__ import annotations
 
-import hashlib
-import json
 import warnings
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
@@ -243,7 +241,8 @@ def _cached(
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
-        name = name_of(part.folder.name, split, size, _key(part, spec))
+        content = part.key(), spec.draw, spec.resize, PICTURES_VERSION
+        name = name_of(part.folder.name, split, size, content)
         shape = len(part), size, size, 3
         return Transitions(**cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
@@ -294,12 +293,6 @@ def _parts(
     """Yield the episodes of rows, as many together as are observed at once."""
     for block in replayed(rows, config):
         yield from block.parts(spec.together)
-
-
-def _key(part: Part, spec: ObservationSpec) -> str:
-    """Return a hash of all that the content of a cache depends on."""
-    content = part.key(), int(spec.image_size), spec.draw, spec.resize, PICTURES_VERSION
-    return hashlib.sha256(json.dumps(content).encode()).hexdigest()
 
 
 def load_episodes(

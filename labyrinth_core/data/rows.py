@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import partial
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -120,23 +120,19 @@ def rows_together(
     file: pyarrow.parquet.ParquetFile, groups: Sequence[int], *, pictures: bool
 ) -> Iterator[Rows]:
     """Yield the rows of row groups, without pictures those of `TOGETHER` row groups at once."""
-    together = 1 if pictures else TOGETHER
-    blocks = _blocks(file, groups, together, pictures=pictures)
-    while some := list(islice(blocks, together)):
-        yield joined(some)
-
-
-def _blocks(
-    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], together: int, *, pictures: bool
-) -> Iterator[Rows]:
     import pyarrow as pa
 
+    together = 1 if pictures else TOGETHER
     columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
-    for first in range(0, len(groups), together):
-        # `map` lets go of each batch, of which there would otherwise be two.
-        batches = file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
-        tables = map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
-        yield from map(partial(rows_of_table, pictures=pictures), tables)
+    batches = chain.from_iterable(
+        file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
+        for first in range(0, len(groups), together)
+    )
+    # `map` lets go of each batch, of which there would otherwise be two.
+    tables = map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
+    blocks = map(partial(rows_of_table, pictures=pictures), tables)
+    while some := list(islice(blocks, together)):
+        yield joined(some)
 
 
 @contextmanager

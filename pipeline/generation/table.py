@@ -84,7 +84,8 @@ class Content:
         counts["episodes"] += len(routes)
         counts["rows"] += steps + len(routes)  # A row for each state.
         counts["longest"] = max(counts["longest"], *map(len, routes))
-        counts["cut"] += self._config.is_cut(self._split, len(routes))
+        several = self._config.solutions != "shortest" and demonstrated
+        counts["cut"] += several and len(routes) == self._config.solutions_limit
         self._rows.append(
             (
                 own_id,
