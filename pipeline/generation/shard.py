@@ -108,8 +108,10 @@ class ShardJob:
     @property
     def key(self) -> str:
         """A hash of all that the bytes of the shard follow from."""
-        config = replace(self.config, labyrinths=1, shifts=()).to_json()
-        parts = config, build_versions(), self.split, self.first, self.structures.tobytes()
+        given = self.config.to_json()
+        config = {name: given[name] for name in given.keys() - {"labyrinths", "shifts"}}
+        of_all = sorted(config.items()), build_versions()
+        parts = of_all, self.split, self.first, self.structures.tobytes()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 
 
