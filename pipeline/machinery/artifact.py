@@ -43,12 +43,6 @@ Key = Mapping[str, Any]
 
 _OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
 _LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Never outside.
-_EARLIER = re.compile(
-    r"([^/]+/)?manifest\.json|pictures/[^/]+\.png|analysis\.json|.+-[0-9a-f]{8}\.json|index\.html|"
-    r"leaderboard\.md|(runs|submissions)/.+\.json|[0-9a-f]{16}\.gif|labyrinth\.json|meta/info\.json|"
-    r"namespace_metadata\.json|model\.safetensors|env\.py"
-)
-"""A list that names one of these files, and does not begin with our comment, is ours of earlier."""
 
 _LITTER = (
     *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),
@@ -98,10 +92,9 @@ class Sums:
         parts = text.partition(f"{_LEFT}\n")[::2]
         made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
         others = [line for line in _LINE.sub("", text).splitlines() if line]
-        is_earlier = not others and any(_EARLIER.fullmatch(name) for name, _ in made)
         keys = [line.removeprefix(_MADE) for line in others if line.startswith(_MADE)]
         with suppress(*MALFORMED):
-            if is_earlier or others[0] == _OURS:
+            if others[0] == _OURS:
                 return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
         raise DatasetError(f"{path} is somebody else's: move it away, or choose another folder")
 
@@ -177,9 +170,9 @@ class Sums:
         if overwrite:
             return
         if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
-            made = f"made with {differing}" if self.key else "of an earlier version"
+            what = f"is made with {differing}" if self.key else "holds files of another stage"
             advice = f"{instead}, or give overwrite=true to replace it"
-            raise DatasetError(f"{self.folder} is {made}: {advice}")
+            raise DatasetError(f"{self.folder} {what}: {advice}")
         if others := self.others(files):
             raise DatasetError(
                 f"{_named([str(self.folder / name) for name in others])}: made or changed by "

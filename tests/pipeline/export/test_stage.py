@@ -132,22 +132,6 @@ def test_a_file_of_a_person_in_a_finished_export_stays_and_stops_no_other(
         export(small_dataset, tmp_path, "lerobot", "train", "test")
 
 
-def test_an_export_of_an_earlier_version_is_replaced_only_when_that_is_asked_for(
-    small_dataset: Run, tmp_path
-):
-    made = export(small_dataset, tmp_path, "lerobot", "train") / "train-v0"
-    before = content_of(made)
-    listed = "".join(
-        f"{each}\n" for each in (made / HASHES).read_text().splitlines() if each[0] != "#"
-    )
-    (made / HASHES).write_text(listed)
-    with pytest.raises(DatasetError, match=r"train-v0 is of an earlier version: .*overwrite=true"):
-        export(small_dataset, tmp_path, "lerobot", "train")
-    assert (made / HASHES).read_text() == listed
-    export(small_dataset, tmp_path, "lerobot", "train", overwrite=True)
-    assert content_of(made) == before
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("format_", FORMATS)
 def test_an_export_with_a_damaged_file_is_made_anew(small_dataset: Run, tmp_path, capsys, format_):

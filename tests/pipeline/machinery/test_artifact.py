@@ -64,6 +64,9 @@ def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_pa
     leave(folder, {"of two": b"2"}, key={"key": 2})
     with pytest.raises(DatasetError, match="is made with key=2, not 1"):
         leave(folder, {"of one": b"1"}, key={"key": 1})
+    leave(tmp_path, {"of none": b""})
+    with pytest.raises(DatasetError, match="holds files of another stage: choose"):
+        leave(tmp_path, {"of one": b"1"}, key={"key": 1})
     with pytest.raises(DatasetError, match="is made with key=2: choose"):  # Of another kind.
         leave(folder, {"of one": b"1"}, key={"policy": "a", "budget": 1})
 
@@ -308,21 +311,6 @@ def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: st
     (tmp_path / HASHES).write_text(text, encoding="latin-1")
     with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is somebody else's: move it.*\Z"):
         Sums.read(tmp_path)
-
-
-@pytest.mark.parametrize(
-    "name",
-    [
-        *("5x5/manifest.json", "analysis.json", "theirs-0123abcd.json", "index.html"),
-        *("leaderboard.md", "runs/5x5/bc-cnn-seed0.json", "0123456789abcdef.gif"),
-        *("labyrinth.json", "namespace_metadata.json", "model.safetensors", "env.py"),
-    ],
-)
-def test_a_list_of_an_earlier_version_is_ours(tmp_path: Path, name: str) -> None:
-    (tmp_path / HASHES).write_text(f"{'0' * 64}  {name}\n{'1' * 64}  other\n")
-    sums = Sums.read(tmp_path)
-    assert sums.hashes == {(name, "0" * 64), ("other", "1" * 64)}
-    assert sums.key is None
 
 
 @pytest.mark.parametrize(
