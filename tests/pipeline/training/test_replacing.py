@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -85,14 +86,17 @@ def killed_before(change: int, run: Run) -> bool:
 
 
 def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
-    run_of: Callable[..., Run],
+    run_of: Callable[..., Run], tmp_path: Path
 ) -> None:
-    folder = run_of().training_folder
+    folder, old = run_of().training_folder, tmp_path / "old"
+    train.run(run_of(epochs=1))
+    (folder / "notes.txt").write_text("mine")
+    leave(folder, {"results.json": b"of this policy"})
+    folder.rename(old)
     moments, displaced = 0, 0
     while True:
-        train.run(run_of(epochs=1))
-        (folder / "notes.txt").write_text("mine")
-        leave(folder, {"results.json": b"of this policy"})
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.copytree(old, folder)
         if not killed_before(moments, run_of()):
             break
         found = folder if folder.exists() else next(folder.parent.glob("*.replaced"))
