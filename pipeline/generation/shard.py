@@ -129,8 +129,8 @@ def finished(job: ShardJob) -> Shard | None:
     Either an earlier run has made it, or the finished dataset has it.
     """
     with suppress(FileNotFoundError, *MALFORMED):
-        key, shard, _ = left(job)
-        if key == job.key and file_sha256(job.path) == shard.sha256:
+        mark, shard, facts = left(job)
+        if mark == _mark(job, facts) and file_sha256(job.path) == shard.sha256:
             return shard
     there = job.there
     if there is not None and there.table_row is not None:
@@ -180,25 +180,31 @@ def make_shard(job: ShardJob) -> Shard:
 
 def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
     """Mark a shard as finished by its sidecar: a line of JSON, and its facts as an array."""
-    array = facts.tobytes()
-    digest = hashlib.sha256(array).hexdigest()
-    line = json.dumps({"key": job.key, "shard": asdict(shard), "facts": digest})
-    write_bytes(job.sidecar, f"{line}\n".encode() + array)
+    line = json.dumps({"mark": _mark(job, facts), "shard": asdict(shard)})
+    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
     return shard
 
 
 def left(job: ShardJob) -> tuple[str, Shard, Facts]:
-    """Return what the sidecar of a job holds: the key of its job, its shard and the facts.
+    """Return what the sidecar of a job holds: its mark, the shard and the facts; see `finished`.
 
     Raises:
         FileNotFoundError: The shard is not finished.
         MALFORMED: The file is damaged; any of these errors.
     """
-    line, _, array = job.sidecar.read_bytes().partition(b"\n")
-    content = json.loads(line)
-    if hashlib.sha256(array).hexdigest() != content["facts"]:
-        raise ValueError(f"{job.sidecar} is damaged")
-    return content["key"], Shard.from_json(content["shard"]), np.frombuffer(array, FACTS)
+    content = job.sidecar.read_bytes()
+    end = content.index(b"\n")
+    line = json.loads(content[:end])
+    return (
+        line["mark"],
+        Shard.from_json(line["shard"]),
+        np.frombuffer(content, FACTS, offset=end + 1),
+    )
+
+
+def _mark(job: ShardJob, facts: Facts) -> str:
+    """Return the hash of the key of a job and of the facts of its shard."""
+    return hashlib.sha256(job.key.encode() + facts.tobytes()).hexdigest()
 
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:

@@ -24,7 +24,7 @@ from labyrinth_core.data.storage import (
 )
 from pipeline.machinery.artifact import HASHES, Sums, is_litter
 from pipeline.machinery.dataset import build_versions
-from pipeline.machinery.folders import followed, move_into_place, recover, remove, wait_for_disk
+from pipeline.machinery.folders import followed, move_into_place, recover, remove
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -203,7 +203,6 @@ class Workplace:
         self.refuse_others_files()  # They may have come meanwhile.
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
-            wait_for_disk(self.shards)
             move_into_place(self.shards, self.folder, MANIFEST)
         else:
             manifest.write(self.folder)

@@ -21,7 +21,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import temporary_beside
 from pipeline.config.run import Run
-from pipeline.generation import workplace
 from pipeline.machinery.folders import held
 
 Build = Callable[..., Run]
@@ -133,21 +132,26 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
     build: Build, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     synced: set[int] = set()
-    fsync, move = os.fsync, workplace.move_into_place
+    fsync, rename = os.fsync, Path.replace
+    moved: list[Path] = []
 
     def note(descriptor: int) -> None:
         fsync(descriptor)
         synced.add(os.fstat(descriptor).st_ino)
 
-    def check(shards: Path, folder: Path, mark: str) -> None:
-        files = [shards, *shards.iterdir()]
-        assert len(files) == 1 + 6 + 1 + 1
-        assert {path.stat().st_ino for path in files} <= synced
-        move(shards, folder, mark)
+    def check(path: Path, target: Path) -> Path:
+        if path.is_dir():
+            files = [path, *path.iterdir()]
+            assert len(files) == 1 + 6 + 1 + 1
+            assert {each.stat().st_ino for each in files} <= synced
+            moved.append(target)
+        return rename(path, target)
 
     monkeypatch.setattr(os, "fsync", note)
-    monkeypatch.setattr(workplace, "move_into_place", check)
-    assert build(tmp_path).folder.parent.stat().st_ino in synced
+    monkeypatch.setattr(Path, "replace", check)
+    folder = build(tmp_path).folder
+    assert moved == [folder]
+    assert folder.parent.stat().st_ino in synced
 
 
 def test_a_clock_that_jumps_changes_nothing(
