@@ -213,8 +213,8 @@ class Stream(Generic[Item]):
             if first < own.stop and ends[place] > own.start:
                 with part.opened(number) as file:
                     for groups in self._parts(file, number, first, own, at)[at["part"] :]:
-                        items = self._read(file, number, groups, at)
-                        for item in islice(items, at["item"], None):
+                        # Without a name, so that they are free before others are read.
+                        for item in islice(self._read(file, number, groups, at), at["item"], None):
                             at["item"] += 1
                             yield item
                         at.update(part=at["part"] + 1, item=0)
