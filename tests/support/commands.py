@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import subprocess
 import sys
 from contextlib import redirect_stderr, redirect_stdout
@@ -39,6 +40,8 @@ def refused(*arguments: str) -> str:
     ):
         patch.setattr(sys, "argv", [str(RUN), *arguments])
         patch.setattr(sys, "unraisablehook", sys.unraisablehook)
+        # Hydra closes the handlers of this list, and that of absl then closes pytest's output.
+        patch.setattr(logging, "_handlerList", [])
         for name in ("PYTHONWARNINGS", "HYDRA_FULL_ERROR"):  # Which the command sets.
             patch.setenv(name, "")
         try:
