@@ -52,7 +52,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Return the text of a page with links and placeholders resolved."""
+    """Return the text of a page with links resolved and marks filled in."""
     source = page.file.src_uri
     if source.startswith(LOGS):
         page.meta["search"] = {"exclude": True}
@@ -80,9 +80,9 @@ def alternatives(notebook: Path) -> Iterator[str]:
                 yield output["metadata"].get("image/png", {}).get("alt", NO_ALTERNATIVE)
 
 
-def _filled(placeholder: re.Match[str]) -> str:
-    """Return what takes the place of a placeholder."""
-    kind, of = placeholder.groups()
+def _filled(mark: re.Match[str]) -> str:
+    """Return what takes the place of a mark in a page."""
+    kind, of = mark.groups()
     if kind == "modules":
         return "\n\n".join(
             f"::: {name}\n    options: {{show_root_full_path: true}}"

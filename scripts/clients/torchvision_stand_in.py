@@ -26,7 +26,7 @@ class ToTensor:
         return torch.from_numpy(np.array(picture)).permute(2, 0, 1).contiguous().float() / 255
 
 
-def placeholder(name: str) -> type:
+def empty_class(name: str) -> type:
     """Return an empty class for a name that is imported and not used."""
     if name.startswith("__"):
         raise AttributeError(name)
@@ -48,7 +48,7 @@ def install() -> None:
         module = ModuleType(name)
         module.__path__ = []
         module.__spec__ = ModuleSpec(name, None, is_package=True)
-        module.__getattr__ = placeholder  # type: ignore[method-assign]
+        module.__getattr__ = empty_class  # type: ignore[method-assign]
         sys.modules[name] = parents[name] = module
         above, _, own = name.rpartition(".")
         if above:
