@@ -27,7 +27,7 @@ class Release:
 
     @property
     def name(self) -> str:
-        """The id to write in examples; `user/labyrinth` for a dataset that is not on the Hub yet."""
+        """The id to write in examples, `user/labyrinth` for a dataset that is not on the Hub."""
         return self.repo_id or "user/labyrinth"
 
     @property
