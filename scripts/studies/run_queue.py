@@ -2,7 +2,9 @@
 
     python scripts/studies/run_queue.py --list
     OMP_NUM_THREADS=1 nohup nice -n 19 python scripts/studies/run_queue.py --kept FOLDER &
+    OMP_NUM_THREADS=1 nohup nice -n 19 python scripts/studies/run_queue.py authors/ --kept FOLDER &
 
+The last line begins a queue of some of the runs, for a second core.
 Results lie in FOLDER as in docs/results, with the hours of each run in `hours.csv`. A run that is
 kept in either is not repeated; one that was killed goes on from its checkpoint. `report_pages.py`
 says what is missing.
@@ -120,11 +122,14 @@ def missing_in(*folders: Path) -> list[Planned]:
 def main() -> None:
     """Run what is missing, or list all runs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("part", nargs="*", help="only runs whose path holds this, such as seed7")
     parser.add_argument("--kept", type=Path, default=RESULTS, help="where to keep the results")
     parser.add_argument("--list", action="store_true", help="only list the runs and their hours")
     given = parser.parse_args()
     kept = given.kept.resolve()
     missing = missing_in(RESULTS, kept)
+    if given.part:
+        missing = [each for each in missing if any(part in each.kept for part in given.part)]
     if given.list:
         for each in missing:
             print(f"{each.hours:5.2f} h{' (left out)' * (each.hours > LONGEST)}  {each.kept}")
