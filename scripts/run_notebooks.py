@@ -27,6 +27,7 @@ from typing import Any
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
+from traitlets.config import Config
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SECONDS = 300
@@ -43,10 +44,17 @@ def run(path: Path, write: bool) -> tuple[str, bool]:
     started = time.monotonic()
     notebook = nbformat.read(path, 4)
     kept, again = deepcopy(notebook), deepcopy(notebook)
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as sockets:
+        # Two kernels that start at once can choose the same TCP port: one dies, or never answers.
+        transport = {"transport": "ipc", "ip": f"{sockets}/kernel"}
         for each in (notebook, again):
-            resources = {"metadata": {"path": folder}}
-            client = NotebookClient(each, timeout=SECONDS, record_timing=False, resources=resources)
+            client = NotebookClient(
+                each,
+                timeout=SECONDS,
+                record_timing=False,
+                resources={"metadata": {"path": folder}},
+                config=Config({"KernelManager": transport}),
+            )
             try:
                 client.execute()
             except CellExecutionError as error:
@@ -94,6 +102,8 @@ def main() -> int:
     # Programs that cells start are those of this environment.
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
+    # It draws bars only for what its cache does not hold yet.
+    os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
     paths = sorted(EXAMPLES.glob("*.ipynb"))
     works = True
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
