@@ -24,7 +24,7 @@ from pipeline.evaluation.named import Judged, require_free
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.training.methods.method import find
-from pipeline.training.policy import options_of, read_policy
+from pipeline.training.policy import options_of, read_policy, require_same
 from pipeline.training.record import read_record, training_versions
 from pipeline.training.train import choose_device, loader_of, spec_of
 
@@ -35,8 +35,9 @@ def judge_trained(run: Run) -> Judged:
     Raises:
         ConfigError: There is no such device, a folder is given with a revision, or the policy
             cannot see the labyrinths of `evaluate_on`.
-        DatasetError: There is no finished run, it was trained on another dataset than the one that
-            exists now, or a dataset or a split is missing.
+        DatasetError: There is no finished run, it was trained with another setting than one that is
+            given, or on another dataset than the one that exists now, or a dataset or a split is
+            missing.
     """
     folder, options = run.training_folder, run.options
     record = read_record(folder)
@@ -44,6 +45,9 @@ def judge_trained(run: Run) -> Judged:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
     device, about = choose_device(options), record["run"]
     method, settings = find(options.method_name, about["settings"], about["protocol"])
+    _, asked = find(options.method_name, about["settings"] | options.method, about["protocol"])
+    advice = ": leave the option out, or train with it first"
+    require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
     spec = spec_of(run)
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)

@@ -87,6 +87,13 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
         stage.run(elsewhere(other.data_dir))
 
 
+def test_a_run_that_was_trained_with_another_setting_is_refused(trained, elsewhere):
+    asked = elsewhere(trained.options.data_dir, method={"name": "bc", "epochs": 5})
+    with pytest.raises(DatasetError, match=r"was trained with method.epochs=1, not 5: leave the"):
+        stage.run(asked)
+    stage.run(elsewhere(trained.options.data_dir, method={"name": "bc"}))
+
+
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     trained, elsewhere, build, tmp_path, datasets
 ):
