@@ -109,7 +109,7 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
     leakage = replace(leakage, certificate=replace(leakage.certificate, repeated=repeated))
     content = {
         "source": source,
-        "config": config,
+        "config": config or found.config,
         "structures_alone": found.structures_alone,
         "problems": found.problems,
         "leakage": leakage.to_json(),

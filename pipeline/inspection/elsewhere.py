@@ -28,6 +28,8 @@ class Elsewhere:
     """Split -> id of a labyrinth -> its first place in a file; empty if they are in no files."""
     problems: Sequence[str]
     """A line for each labyrinth, or file, that could not be read."""
+    config: str | None = None
+    """The config of the dataset, of which the first is read unless one is named."""
 
     @property
     def structures_alone(self) -> bool:
@@ -63,10 +65,11 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
             return found
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
-    streams = _infos_of(str(path) if path.is_dir() else source, config)
+    # Of the folder `.`, `datasets` finds no name.
+    streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # The pieces of a route are episodes of one labyrinth, each with a text of its own.
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
-    return Elsewhere(splits, {}, ())
+    return Elsewhere(splits, {}, (), config)
 
 
 def _in_files(path: Path) -> Elsewhere:
@@ -96,8 +99,8 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
             raise DatasetError(f"{split} info: no labyrinth: {reason}") from error
 
 
-def _infos_of(source: str, config: str | None) -> dict[str, Iterator[str]]:
-    """Return the values of `info` in each split of any dataset, as they are downloaded.
+def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]], str | None]:
+    """Return the values of `info` in each split of any dataset, as they are downloaded; its config.
 
     No other column is downloaded. Equal values in consecutive rows come once. A config that the
     dataset itself chooses is printed.
@@ -122,7 +125,8 @@ def _infos_of(source: str, config: str | None) -> dict[str, Iterator[str]]:
         raise DatasetError(f"{reason}: {one_line(error)}") from error
     if config is None and (default := next(iter(splits.values())).config_name) != "default":
         say(f"{source}: {default}, by default; leakage.config names another.")
-    return {str(split): _infos(source, stream) for split, stream in splits.items()}
+        config = default
+    return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
 
 
 def _infos(source: str, stream: Any) -> Iterator[str]:

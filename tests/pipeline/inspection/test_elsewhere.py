@@ -34,6 +34,11 @@ def test_a_card_that_is_no_yaml_is_answered_with_one_line(
         read_elsewhere(str(folder), "3x3")
 
 
+def test_the_folder_one_is_in_is_read(small_dataset: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(small_dataset.data_dir / "3x3")
+    assert read_elsewhere(".", None).splits["train"]
+
+
 def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_dataset: Run) -> None:
     source = str(small_dataset.data_dir)
     with pytest.raises(DatasetError) as caught:
@@ -46,7 +51,7 @@ def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_datase
 def test_a_config_that_the_dataset_chooses_is_told(
     carded: Path, capsys: pytest.CaptureFixture[str], config: str | None, said: list[str]
 ) -> None:
-    read_elsewhere(str(carded), config)
+    assert read_elsewhere(str(carded), config).config == "3x3"
     printed = capsys.readouterr().out
     assert [line.split("; ")[0] for line in printed.splitlines()] == [
         f"{carded}: {s}" for s in said
