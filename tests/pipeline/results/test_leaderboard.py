@@ -196,7 +196,7 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
     results, small_dataset, submit, tmp_path
 ):
     page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
-    section = page.split("## Stand on the leaderboard\n")[1].split("\n## ")[0]
+    section = page.split("## Leaderboard\n")[1].split("\n## ")[0]
     [command] = re.findall(r"```sh\npython run\.py (.*)\n```", section)
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
     content = content_of(results["planner"], "planner")
