@@ -1,7 +1,7 @@
 // Figures of a dataset, with a panel for each split, and their numbers in tables.
 
-const ACTION_TILES = ["agent", "goal", "start", "key"]; // Whose colours the bars of actions have.
-const BARS = 200; // The width of the bars beside the names.
+const ACTION_TILES = ["agent", "goal", "start", "key"]; // Their colours are those of the bars.
+const BARS = 200; // The width of the area for bars.
 const PANEL = { width: 280, height: 130, left: 38, bottom: 22, top: 8 };
 
 /** Return a histogram as an SVG picture; `counts` are pairs of a value and its frequency. */
@@ -46,7 +46,7 @@ function ticks([low, high]) {
   return Array.from({ length: Math.floor((high - first) / apart) + 1 }, (_, at) => first + at * apart);
 }
 
-/** Return a share rounded up, such that it and its half are round numbers on an axis. */
+/** Return a share rounded up so that the value and its half are round numbers on an axis. */
 function roundedUp(share) {
   const step = share > 0.2 ? 0.2 : share > 0.04 ? 0.04 : 0.02;
   return Math.ceil(share / step - 1e-9) * step;

@@ -3,7 +3,7 @@
 const runName = ({ config }, { name }) => `${config} ${name}`;
 const methodName = ({ config, name }) => `${config} ${name}, every seed`;
 
-/** Name -> failures: those of each run, and those that all runs of a method have in common. */
+/** Name of a run, or method -> the labyrinths that it, or all its runs, did not solve. */
 const ATTEMPTS = new Map(
   DATA.results.flatMap((method) => {
     const attempt = (name, splits) => [name, { config: method.config, splits }];
@@ -12,7 +12,7 @@ const ATTEMPTS = new Map(
   }),
 );
 
-/** Return the keys of the labyrinths on which a run or method failed; null for other names. */
+/** Return the keys of the labyrinths that a run or method did not solve; null for other names. */
 function failuresOf(name) {
   const attempt = ATTEMPTS.get(name);
   if (!attempt) return null;
@@ -20,7 +20,7 @@ function failuresOf(name) {
   return new Set(Object.entries(attempt.splits).flatMap(keys));
 }
 
-/** Return the names of the runs and methods that failed on a labyrinth. */
+/** Return the names of the runs and methods that did not solve a labyrinth. */
 function whoFailed({ dataset, split }, id) {
   const failed = ([, { config, splits }]) =>
     config === dataset.name && splits[split.name]?.failed.includes(id);
@@ -211,7 +211,7 @@ function ratesOf(figures) {
   return element("span", {}, percent(spl), element("br"), element("small", {}, below));
 }
 
-/** Return the details of a method: what all its seeds failed on, and each run. */
+/** Return the details of a method: what none of its seeds solved, and each run. */
 function methodDetails(method) {
   const { name, runs, splits, submitted } = method;
   const rows = Object.entries(splits).map(([split, scores]) => [

@@ -135,7 +135,7 @@ function galleryKey(event) {
   event.preventDefault();
 }
 
-/** Show what the colours of the tiles that occur mean. */
+/** Show the meaning of each colour that occurs in the datasets. */
 function setUpLegend() {
   const tiles = { start: "start", goal: "goal" };
   const tasks = new Set(DATA.datasets.map(({ task }) => task));
