@@ -121,8 +121,8 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)
     if found.structures_alone:
-        yield "No start and goal is known of some labyrinths: structures alone are compared."
-    yield f"{path} has all of it."
+        yield "Some labyrinths have no start and goal, so only structures are compared."
+    yield f"{path} has the full results."
     if found.problems:
         yield from found.problems[1:LEAKS_SHOWN]
         raise DatasetError(
@@ -154,7 +154,7 @@ def _table(leakage: Leakage, *, with_routes: bool) -> Table:
         "splits",
         *(Column(heading, justify="right") for heading in headings),
         title="leakage: labyrinths of the second split with a counterpart in the first",
-        caption="nearest: walls to the nearest structure of the first, least and median",
+        caption="nearest: walls to the nearest structure of the first, minimum and median",
         box=SIMPLE_HEAD,
         padding=0,
     )
@@ -180,7 +180,7 @@ def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator
     else:
         yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
     if leakage.cut:
-        yield f"{leakage.cut:,} labyrinths have more optimal routes than were compared"
+        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
 
 
 def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:

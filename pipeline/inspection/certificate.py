@@ -213,7 +213,7 @@ class Certificate:
             if pair.mirrored:
                 yield (
                     f"{pair.first} and {pair.second} share {count(len(pair.equal), 'structure')}, "
-                    f"{len(pair.mirrored)} when mirror images count"
+                    f"{len(pair.mirrored)} counting mirror images"
                 )
         yield from self.problems_of_splits()
 

@@ -209,7 +209,6 @@ def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted
     if found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
             f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
-            f"{found[2]} rows, which is not what its manifest says: overwrite=true builds it "
-            "anew"
+            f"{found[2]} rows, but its manifest has other counts: overwrite=true rebuilds it"
         )
     return counted

@@ -57,7 +57,7 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     """
     path = Path(source).expanduser()
     if path.is_file() and not is_collection(path):
-        raise DatasetError(f"{source}: labyrinths are in files that end in {', '.join(KINDS)}")
+        raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
     rows = path.is_dir() and any(file.suffix == ".parquet" for file in files_in(path))
     if path.is_file() or (path.is_dir() and not rows):
         found = _in_files(path)
@@ -96,7 +96,7 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
         except ValueError as error:
             # Its first line says what is wrong, those below show the place.
             reason = str(error).partition("\n")[0]
-            raise DatasetError(f"{split} info: no labyrinth: {reason}") from error
+            raise DatasetError(f"{split} info: not a labyrinth: {reason}") from error
 
 
 def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]], str | None]:
@@ -124,7 +124,7 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
             reason = source
         raise DatasetError(f"{reason}: {one_line(error)}") from error
     if config is None and (default := next(iter(splits.values())).config_name) != "default":
-        say(f"{source}: {default}, by default; leakage.config names another.")
+        say(f"{source}: default config {default}; leakage.config selects another.")
         config = default
     return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
 

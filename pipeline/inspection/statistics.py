@@ -170,7 +170,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except MALFORMED as error:
-        reason = f"{one_line(error):.300}; stages=analyse writes it anew"
+        reason = f"{one_line(error):.300}; stages=analyse writes it again"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 

@@ -127,7 +127,7 @@ def _write_card(
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
-        say(f"Not written, since somebody else made or changed them: {', '.join(others)}.")
+        say(f"Not written, as they were changed, or not written by a card: {', '.join(others)}.")
     return datasets
 
 
@@ -136,7 +136,7 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
     datasets = statistics_of(data_dir, "card", workers)
     for dataset in datasets:
         if problems := "; ".join(dataset.certificate.problems()):
-            reason = f"{problems}: no card for such a dataset"
+            reason = f"{problems}; no card is written for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
         with table_file(data_dir / dataset.name, dataset.manifest):
             pass  # Opening it checks that it is not damaged.

@@ -99,7 +99,7 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
     source, size = run.export_folder / f"{split}-v{VERSION}", run.options.export.image_size
     own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
-        raise DatasetError(f"{source} holds no whole export: stages=export makes it")
+        raise DatasetError(f"{source} holds no complete export: stages=export makes it")
     record: dict[str, Any] = json.loads((source / RECORD).read_bytes())
     if (record["fingerprint"], record["image_size"]) != (manifest.fingerprint, size):
         raise DatasetError(

@@ -100,6 +100,6 @@ def reasons(repo_id: str) -> dict[int | None, str]:
         403: f"the token may not write to {repo_id}: use one with write access",
         404: f"{repo_id} does not exist, or this token may not see it",
         409: f"the Hub reports a conflict for {repo_id}: publish again",
-        412: f"somebody else committed to {repo_id} meanwhile, and nothing was changed: "
-        "look at what they did, and publish again",
+        412: f"{repo_id} got another commit meanwhile, and nothing was changed: look at that "
+        "commit, and publish again",
     }

@@ -115,14 +115,14 @@ def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> Non
 def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and their description of the run."""
     folder = run.training_folder
-    path, anew = folder / RESULTS, "stages=evaluate makes it anew"
+    path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
-        raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
+        raise DatasetError(f"{folder} holds no evaluated policy: {made}")
     results = Results.load(path, lambda _: known)
     made_by, named = results.run, (run.dataset.name, run.run_name.name, results.fingerprint)
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
-        raise DatasetError(f"{path} is not of this run: {anew}")
+        raise DatasetError(f"{path} belongs to another run: {anew}")
     if known.fingerprint != made_by.fingerprint:
         raise PublishError(
             f"{folder} was trained on another dataset than {run.dataset_on_hub[0]}: their "
@@ -135,7 +135,7 @@ def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
         raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
     training = {name: record[name] for name in made_by.training}
     if (training, record["run"]["settings"]) != (made_by.training, made_by.settings):
-        raise DatasetError(f"{path} tells another training than {RECORD}: {anew}")
+        raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
     return results, made_by
 
 
@@ -154,7 +154,7 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
         raise DatasetError(f"{source / POLICY} is not there: stages=train makes it") from error
     if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
         raise DatasetError(
-            f"{source / RESULTS} is of other weights than {POLICY}: stages=evaluate makes it anew"
+            f"{source / RESULTS} is for other weights than {POLICY}: stages=evaluate makes it again"
         )
 
 

@@ -86,8 +86,8 @@ def _is_unseen(api: HfApi, options: PublishOptions) -> bool:
         reason = why_unseen(api, given)
     if reason:
         say(
-            f"could not look at the Hub ({reason}): this is what a new repository would get; "
-            "scripts/local_hub starts a Hub on this machine, to rehearse on."
+            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
+            "scripts/local_hub starts a Hub on this machine, for rehearsals."
         )
     return bool(reason)
 
@@ -185,8 +185,8 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
         newest = max([options.version, *versions], key=number)
         if newest != options.version:
             raise PublishError(
-                f"publish.version={options.version}: {remote.repo_id} has {newest}, and main does "
-                "not go back: choose a later version"
+                f"publish.version={options.version}: {remote.repo_id} has {newest} already: "
+                "choose a later version"
             )
         return False
     plan = _plan(remote, files_of(remote.kind, folder), tagged)
@@ -195,7 +195,7 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
             f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
             f"({plan.data[0]}): choose another publish.version"
         )
-    card = "" if plan.is_done else ", with a card that was written otherwise"
+    card = "" if plan.is_done else ", with a different card"
     say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
 
@@ -213,8 +213,8 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     plan = _plan(remote, files, head)
     if plan.others and not remote.is_new(head):
         raise PublishError(
-            f"{remote.repo_id} holds {', '.join(plan.others[:3])}, made or changed by somebody "
-            "else, so not written over: rename or delete it there, or choose another id"
+            f"{remote.repo_id} holds files that no release wrote, or that were changed since "
+            f"({', '.join(plan.others[:3])}): rename or delete them there, or choose another id"
         )
     # The folders of the other kinds hold only files to publish.
     if remote.kind is DATASET and (others := list(left_out(folder, list(files)))):
@@ -244,8 +244,8 @@ def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: boo
     new = "" if exists else f" (to be created, {'private' if options.private else 'public'})"
     say(
         f"{remote.repo_id}{new}: {len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), "
-        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; the tag {options.version} is to "
-        "be made."
+        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; new tag: "
+        f"{options.version}."
     )
 
 

@@ -72,7 +72,7 @@ class Remote:
                 raise
             raise PublishError(
                 f"{self.repo_id} does not exist, or this token may not see it, and the token may "
-                "not make it: use another token, or make it on the Hub, empty, then publish again"
+                "not create it: use another token, or create it empty on the Hub, and publish again"
             ) from error
 
     def commit(self, revision: str) -> str:

@@ -84,7 +84,7 @@ def verified(
                 process.kill()
         said = _last_line(output)
     if process.returncode:
-        raise PublishError(f"{failed}: {said or f'it ended with {process.returncode}'}")
+        raise PublishError(f"{failed}: {said or f'exit status {process.returncode}'}")
     return said
 
 
@@ -208,7 +208,7 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
             splits = load_dataset(source, name, revision=commit, streaming=bool(mode))
             if splits.keys() != expected.keys():
                 names = f"{', '.join(splits)} instead of {', '.join(expected)}"
-                raise DatasetError(f"{name}{mode}: there are the splits {names}")
+                raise DatasetError(f"{name}{mode}: the splits are {names}")
             for split, first in expected.items():
                 what, loaded = f"{name} {split}{mode}", splits[split]
                 _tell(what)
