@@ -140,7 +140,7 @@ def _canonical_keys(
 
 
 def _images(planes: Planes) -> Iterator[Planes]:
-    """Yield the eight images, the given one first; see `Structure.symmetries`."""
+    """Yield the eight rotations and reflections, the given one first, as `Structure.symmetries`."""
     up, right, marks = planes
     for turn in range(8):
         yield up, right, marks
@@ -175,7 +175,7 @@ def counterparts(
 
 
 def digits(number: np.int64) -> str:
-    """Return an id as it is written: 16 hexadecimal digits."""
+    """Return an id as text: 16 hexadecimal digits."""
     return f"{number:016x}"
 
 

@@ -94,7 +94,7 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
         try:
             yield parse(info)
         except ValueError as error:
-            # Its first line says what is wrong, those below show the place.
+            # Its first line says what is wrong, the others show where.
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"{split} info: not a labyrinth: {reason}") from error
 

@@ -225,7 +225,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
 
 
 def _are_ours(configs: object) -> bool:
-    """Return whether a front matter lists configs, all with names that ours can have."""
+    """Return whether a front matter has a list of configs, all named like ours."""
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]

@@ -105,7 +105,7 @@ def find_leakage(
     splits: Mapping[str, Iterable[Held]],
     certificate: Certificate | None = None,
 ) -> Leakage:
-    """Return what the splits of a dataset have in common.
+    """Return the leakage between the splits of a dataset.
 
     Args:
         splits: The labyrinths of each split, or only their structures, which have no routes;

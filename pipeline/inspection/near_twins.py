@@ -26,7 +26,7 @@ JOINED_WALLS = 3
 MOST_PAIRS = 10**10
 """The maximum number of pairs compared; at 5x5 that takes about half a minute."""
 FAR = -1
-"""Stands for a distance of more than `JOINED_WALLS` where there are too many pairs to compare."""
+"""A distance of more than `JOINED_WALLS`, unknown as there are too many pairs to compare."""
 
 HELD_PAIRS = 1 << 20
 """The number of pairs held in memory at a time."""
@@ -155,7 +155,7 @@ def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
 
 
 class Neighbourhood:
-    """A collection of structures of one size that tells whether another one is near any of them."""
+    """A collection of structures of one size that tells whether another one is near one of them."""
 
     def __init__(self, height: int, width: int, walls: int, structures: int) -> None:
         """Create an empty collection.

@@ -231,7 +231,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
 
 
 def _plan(remote: Remote, files: Mapping[str, Path], commit: str) -> Plan:
-    """Return the changes that give a commit these files; `commit` is empty if there is none yet."""
+    """Return the changes that give a commit these files; `commit` is empty if none exists."""
     tree = remote.tree(commit) if commit else {}
     return make_plan(remote.kind, files, tree, partial(remote.released, commit))
 

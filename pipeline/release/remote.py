@@ -111,7 +111,7 @@ class Remote:
         return found | ({HASHES} & files.keys())
 
     def is_new(self, commit: str) -> bool:
-        """Return whether a commit holds nothing but what the Hub puts into a new repository."""
+        """Return whether a commit holds only what the Hub puts into a new repository."""
         commits = self._call("list_repo_commits", revision=commit)
         return [each.title for each in commits] == ["initial commit"]
 

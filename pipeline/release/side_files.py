@@ -35,7 +35,7 @@ def citation_file(release: Release) -> str:
 
 
 def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
-    """Return the eval.yaml of a folder of datasets, None if none of them has questions.
+    """Return the eval.yaml of a folder of datasets, or None if no dataset has questions.
 
     The form is from https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
     inspect-ai runs one task per split with questions as text, and one with pictures.

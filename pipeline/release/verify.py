@@ -48,7 +48,7 @@ REFRESH = 0.5
 """Seconds between two updates of the progress bar."""
 
 ROWS_COMPARED = 500
-"""The maximum number of rows compared per split; a row group of a shard has as many."""
+"""The maximum number of rows compared per split, about two row groups of a shard."""
 
 
 def verified(

@@ -44,7 +44,7 @@ SCRIPTS = (
     "figures",
     "main",
 )
-"""The parts of the page's JavaScript, each after those that it uses."""
+"""The parts of the page's JavaScript, each after the parts that it uses."""
 
 
 def run(run: Run) -> None:
