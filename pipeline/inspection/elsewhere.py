@@ -46,9 +46,8 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     """Return the labyrinths of an external dataset.
 
     Args:
-        source: A file or a folder for `read_collection`; or a dataset with a column `info` for
-            `load_dataset`: a folder with Parquet files, or an id on the Hub. No other column is
-            read.
+        source: A file or a folder for `read_collection`; or, for `load_dataset`, a folder with
+            Parquet files or an id on the Hub, of which only the column `info` is read.
         config: The config of the dataset, if it has several.
 
     Raises:

@@ -86,8 +86,7 @@ class Leakage:
     pairs: Sequence[Closeness]
     """One for each pair of the certificate."""
     cut: int
-    """The number of labyrinths with more than `ROUTES` optimal routes, which were compared by their
-    first `ROUTES` only."""
+    """The number of labyrinths of which only the first `ROUTES` optimal routes were compared."""
 
     def to_json(self) -> dict[str, Any]:
         """Return the leakage as plain types for JSON, with the counts of each pair."""

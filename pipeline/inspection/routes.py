@@ -36,8 +36,7 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
     """Yield the routes of episodes.
 
     Args:
-        episodes: The labyrinth's text, the actions and the return of each episode, grouped by
-            labyrinth.
+        episodes: The text, the actions and the return of each, grouped by labyrinth.
 
     Raises:
         ValueError: A text does not describe a labyrinth, or an action is negative.
