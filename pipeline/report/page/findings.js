@@ -264,7 +264,7 @@ function runTable({ name, splits }, label) {
   ]);
   const headings = [
     "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval", "not solved",
-    ["how", "text"], "average return", "path efficiency", "optimal actions where demonstrated",
+    ["failures", "text"], "average return", "path efficiency", "optimal actions where demonstrated",
     "optimal actions elsewhere", "labyrinths",
   ];
   return table(name, headings, rows);
