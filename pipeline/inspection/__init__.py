@@ -1,1 +1,1 @@
-"""What a dataset's splits share, how they differ, and what that is worth."""
+"""Analysis of a dataset: counts, leakage between its splits, and shift between them."""

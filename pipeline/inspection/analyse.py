@@ -1,7 +1,7 @@
-"""The stage `analyse`: what the splits of a dataset have in common, and how they differ.
+"""The stage `analyse`: leakage and shift between the splits of a dataset.
 
-It leaves `analysis.json` in the folder of the dataset; of a dataset from elsewhere it leaves the
-leakage in `analysis/` in `data_dir`.
+It writes `analysis.json` in the dataset's folder. For an external dataset (`leakage.source`) it
+writes only the leakage, in `data_dir/analysis/`.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from pipeline.machinery.console import console, say
 FORMAT = 1
 """The format of `analysis.json`."""
 FOLDER = "analysis"
-"""The folder, in `data_dir`, of what was found out about datasets from elsewhere."""
+"""The folder in `data_dir` for the analyses of external datasets."""
 LEAKS_SHOWN = 10
-"""The largest number of labyrinths with the same fault that are named in the terminal."""
+"""The maximum number of leaks or problems of one kind printed in the terminal."""
 
 
 def run(run: Run) -> None:
-    """Analyse the dataset of a run, or the dataset from elsewhere that it names.
+    """Analyse the dataset of a run, or the external dataset in `leakage.source`.
 
     Raises:
         DatasetError: The dataset is missing or damaged.
@@ -59,7 +59,7 @@ def _analyse(run: Run) -> Iterator[str]:
     leakage = find_leakage(labyrinths, statistics.certificate)
     pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
     shifts = compare(contents, pairs, manifest.config.seed)
-    for shift in manifest.config.shifts:  # Each is a question of its own, and a family of tests.
+    for shift in manifest.config.shifts:  # Each has its own question, and its own family of tests.
         pairs = [(SPLITS[shift].parent or "test", shift)]
         shifts += compare(contents, pairs, manifest.config.seed)
     content = {
@@ -96,10 +96,10 @@ def read_contents(
 
 
 def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
-    """Analyse a dataset from elsewhere, print the table, and yield the other lines to print.
+    """Analyse an external dataset, print the table, and yield the other lines to print.
 
     Raises:
-        DatasetError: Some labyrinths could not be read; the others are analysed before.
+        DatasetError: Some labyrinths could not be read; raised after analysing the others.
     """
     config = run.options.leakage.config
     found = read_elsewhere(source, config)
@@ -121,8 +121,8 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)
     if found.structures_alone:
-        yield "No start and goal is known of some labyrinths: structures alone are compared."
-    yield f"{path} has all of it."
+        yield "Some labyrinths have no start and goal, so only structures are compared."
+    yield f"{path} has the full results."
     if found.problems:
         yield from found.problems[1:LEAKS_SHOWN]
         raise DatasetError(
@@ -132,9 +132,9 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
 
 
 def _name_of(source: str, config: str | None) -> str:
-    """Return the path in `FOLDER` of the analysis of a dataset from elsewhere, which no other has.
+    """Return the path in `FOLDER` of an external dataset's analysis, unique to source and config.
 
-    The configs of a source have a folder.
+    A source with a named config gets a folder, with a file for the config.
     """
     names = []
     for part in (source,) if config is None else (source, config):
@@ -154,7 +154,7 @@ def _table(leakage: Leakage, *, with_routes: bool) -> Table:
         "splits",
         *(Column(heading, justify="right") for heading in headings),
         title="leakage: labyrinths of the second split with a counterpart in the first",
-        caption="nearest: walls to the nearest structure of the first, least and median",
+        caption="nearest: walls to the nearest structure of the first, minimum and median",
         box=SIMPLE_HEAD,
         padding=0,
     )
@@ -172,7 +172,7 @@ def _table(leakage: Leakage, *, with_routes: bool) -> Table:
 
 
 def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    """Yield a line for each leak, for the first `LEAKS_SHOWN` of a kind."""
+    """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
     found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
     if found:
         yield "Leakage:"
@@ -180,7 +180,7 @@ def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator
     else:
         yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
     if leakage.cut:
-        yield f"{leakage.cut:,} labyrinths have more optimal routes than were compared"
+        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
 
 
 def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:

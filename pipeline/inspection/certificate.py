@@ -1,7 +1,7 @@
-"""The certificate of disjointness: which labyrinths two splits share, counted and not assumed.
+"""The certificate of disjointness: which labyrinths two splits share, by comparing all of them.
 
-Labyrinths are compared by hashes of 63 bits: two different labyrinths have the same hash with a
-probability of 2 ** -63. So three numbers of each labyrinth are all that has to be in memory.
+Labyrinths are compared by 63-bit hashes: two different labyrinths have the same hash with a
+probability of 2 ** -63. So memory only has to hold three numbers per labyrinth.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ Hashes = NDArray[np.int64]
 """One hash of each labyrinth, shape (labyrinths,)."""
 
 Held = Labyrinth | Structure
-"""What a split holds: labyrinths, or structures alone where start and goal are unknown."""
+"""An item of a split: a labyrinth, or only its structure if start and goal are unknown."""
 
 Planes = tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
 """Passages up (n, height - 1, width) and right (n, height, width - 1), marks (n, m, height, width).
@@ -44,7 +44,7 @@ class Keys(NamedTuple):
     structure: Hashes
     """The id of its structure."""
     mirrored: Hashes
-    """The same for all images under rotations and reflections of structure, start and goal."""
+    """A hash that all rotations and reflections of structure, start and goal together share."""
 
     @classmethod
     def of(cls, labyrinths: Sequence[Held]) -> Keys:
@@ -55,7 +55,7 @@ class Keys(NamedTuple):
 
     @classmethod
     def joined(cls, parts: Iterable[Keys]) -> Keys:
-        """Return the keys of shards that follow one another."""
+        """Return the keys of consecutive shards."""
         return cls(*map(np.concatenate, zip(*parts, strict=True)))
 
 
@@ -92,8 +92,8 @@ def canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
 
     Args:
         labyrinths: Labyrinths of any sizes.
-        with_ends: Whether start and goal have to be mapped to one another, too. Ignored where
-            structures alone are given.
+        with_ends: Whether start and goal must match, too. Ignored for a size of which some
+            items are structures.
     """
     hashes = np.zeros(len(labyrinths), np.int64)
     for size, places in places_by_size(labyrinths).items():
@@ -115,8 +115,8 @@ def _canonical_keys(
         height: Rows of all structures.
         width: Columns.
         passages: As `near_twins.passage_table` gives them, shape (n, passages).
-        cells: Marked cells, shape (n, m); if they are given, those whose key is the same are
-            made the same together with them.
+        cells: Marked cells, shape (n, m). If given, equal keys mean that one symmetry maps both
+            the structure and the cells.
     """
     count, vertical = len(passages), (height - 1) * width
     marks = np.zeros((count, 0 if cells is None else cells.shape[1], height * width), np.bool_)
@@ -140,7 +140,7 @@ def _canonical_keys(
 
 
 def _images(planes: Planes) -> Iterator[Planes]:
-    """Yield the eight images, the given one first; see `Structure.symmetries`."""
+    """Yield the eight rotations and reflections, the given one first, as `Structure.symmetries`."""
     up, right, marks = planes
     for turn in range(8):
         yield up, right, marks
@@ -175,20 +175,20 @@ def counterparts(
 
 
 def digits(number: np.int64) -> str:
-    """Return an id as it is written: 16 hexadecimal digits."""
+    """Return an id as text: 16 hexadecimal digits."""
     return f"{number:016x}"
 
 
 @dataclass(frozen=True)
 class Pair:
-    """The labyrinths of the second of two splits that are in the first, too."""
+    """The labyrinths of the second of two splits that are also in the first."""
 
     first: str
     second: str
     equal: Found
     """Labyrinths with the same structure."""
     mirrored: Found
-    """These, and labyrinths that a rotation or reflection makes the same, with start and goal."""
+    """`equal`, and labyrinths equal after a rotation or reflection, with start and goal."""
 
 
 @dataclass(frozen=True)
@@ -198,11 +198,11 @@ class Certificate:
     labyrinths: Mapping[str, int]
     """Split -> number of different labyrinths in it."""
     repeated: Mapping[str, int]
-    """Split -> number of labyrinths whose structure came before in the same split."""
+    """Split -> number of labyrinths whose structure occurs earlier in the same split."""
     pairs: Sequence[Pair]
     """All pairs of splits with structures of their own.
 
-    A shift is compared only with train and with validation, by which a model is chosen.
+    A shift is compared only with train, and with validation, on which a model is selected.
     """
     strangers: Mapping[str, Sequence[str]]
     """Split made from its parent's structures -> ids of its labyrinths with other structures."""
@@ -213,12 +213,12 @@ class Certificate:
             if pair.mirrored:
                 yield (
                     f"{pair.first} and {pair.second} share {count(len(pair.equal), 'structure')}, "
-                    f"{len(pair.mirrored)} when mirror images count"
+                    f"{len(pair.mirrored)} counting mirror images"
                 )
         yield from self.problems_of_splits()
 
     def problems_of_splits(self) -> Iterator[str]:
-        """Yield a line for each split that repeats structures or has others than its parent."""
+        """Yield a line for each split that repeats structures or has some that its parent lacks."""
         for split, copies in self.repeated.items():
             made_from_others = split in SHIFTS and SPLITS[split].parent is not None
             if copies and split not in self.strangers and not made_from_others:
@@ -233,9 +233,9 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
     """Return the certificate of a dataset.
 
     Args:
-        splits: The keys of each split. A split named like one of ours is taken to be made from
-            the structures of its parent, if the parent is among the splits; all other splits are
-            compared with one another.
+        splits: The keys of each split. A split named as in `SPLITS` is assumed to reuse the
+            structures of its parent, if the parent is among the splits; all other splits are
+            compared with each other.
     """
     names = dict.fromkeys([*(split for split in SPLITS if split in splits), *splits])
     strangers = {}
@@ -262,7 +262,7 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
 
 
 def _parent(split: str) -> str:
-    """Return the split whose structures a split is made from, or the split itself."""
+    """Return the split whose structures a split reuses, or the split itself."""
     kind = SPLITS.get(split)
     return split if kind is None or kind.new_structure else kind.parent or split
 

@@ -1,6 +1,6 @@
-"""What is counted in the rows of a dataset: sums over each split, and numbers for each labyrinth.
+"""Counts of a dataset's rows: sums over each split, and numbers for each labyrinth.
 
-One pass over a shard finds all of it. In memory are the labyrinths of one shard.
+One pass over a shard computes all of them, with the labyrinths of one shard in memory.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pipeline.inspection.certificate import Keys, size_of
 from pipeline.inspection.routes import Route, routes_of
 
 EXAMPLES = 5
-"""The number of labyrinths of each split that are kept as examples, for pictures."""
+"""The number of labyrinths per split kept as examples, for pictures."""
 
 
 class Example(NamedTuple):
@@ -44,17 +44,17 @@ class SplitCounts:
     """Rows with the agent in each cell, shape (height, width), row 0 at the bottom."""
     labyrinths: int
     lengths: Counter[int]
-    """Number of moves -> episodes of that many."""
+    """Number of moves -> number of episodes."""
     moves: Counter[int]
-    """Number of moves of a shortest route -> labyrinths."""
+    """Number of moves of a shortest route -> number of labyrinths."""
     loops: Counter[int]
-    """Passages beyond those of a tree (passages - cells + 1) -> labyrinths."""
+    """Passages beyond those of a tree (passages - cells + 1) -> number of labyrinths."""
     junctions: Counter[int]
-    """Cells where ways part -> labyrinths."""
+    """Number of cells with three or four passages -> number of labyrinths."""
     returned: float
     """The sum of all rewards."""
     choices: int
-    """The number of optimal actions, summed over the states acted in."""
+    """The number of optimal actions, summed over the states in which an action is taken."""
     optimal: int
     """The number of actions taken that are optimal."""
     examples: list[Example]
@@ -92,7 +92,7 @@ class SplitCounts:
 
     @property
     def mean_choices(self) -> float:
-        """The mean number of optimal actions in a state, over the states acted in."""
+        """The mean number of optimal actions per state in which an action is taken."""
         return self.choices / int(self.actions.sum())
 
     @property
@@ -107,7 +107,7 @@ class SplitCounts:
         return shares
 
     def __add__(self, other: SplitCounts) -> SplitCounts:
-        """Return the counts of this part of a split and of the part that follows it."""
+        """Return the counts of this part of a split and the next part together."""
         names = [each.name for each in fields(self)]
         both = SplitCounts(**{name: getattr(self, name) + getattr(other, name) for name in names})
         return replace(both, examples=both.examples[:EXAMPLES])
@@ -115,7 +115,7 @@ class SplitCounts:
 
 @dataclass(frozen=True, eq=False)
 class Content:
-    """The labyrinths of a split, in order, with the counts of all episodes in each of them."""
+    """The labyrinths of a split, in order, each with counts over all its episodes."""
 
     labyrinths: tuple[Labyrinth, ...]
     moves: NDArray[np.int64]
@@ -127,13 +127,13 @@ class Content:
 
     @classmethod
     def joined(cls, parts: Sequence[Content]) -> Content:
-        """Return the content of shards that follow one another."""
+        """Return the content of consecutive shards."""
         labyrinths, *arrays = zip(*(vars(part).values() for part in parts), strict=True)
         return cls(tuple(chain.from_iterable(labyrinths)), *map(np.concatenate, arrays))
 
 
 class Counted(NamedTuple):
-    """All that one pass over a shard finds."""
+    """The results of one pass over a shard."""
 
     counts: SplitCounts
     keys: Keys
@@ -141,10 +141,10 @@ class Counted(NamedTuple):
 
 
 def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
-    """Return the counts of episodes; those of a labyrinth follow one another.
+    """Return the counts of episodes, which must be grouped by labyrinth.
 
     Raises:
-        ValueError: A labyrinth has another size, height and width, than the one given.
+        ValueError: A labyrinth does not have the given size (height, width).
     """
     labyrinths: list[Labyrinth] = []
     examples: list[Example] = []
@@ -209,7 +209,6 @@ def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted
     if found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
             f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
-            f"{found[2]} rows, which is not what its manifest says: overwrite=true builds it "
-            "anew"
+            f"{found[2]} rows, but its manifest has other counts: overwrite=true rebuilds it"
         )
     return counted

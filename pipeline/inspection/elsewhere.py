@@ -1,4 +1,4 @@
-"""Labyrinths of datasets from elsewhere: in files by split, or in the column `info`."""
+"""Labyrinths of external datasets, read from files by split or from the column `info`."""
 
 from __future__ import annotations
 
@@ -20,35 +20,34 @@ from pipeline.machinery.console import say
 
 @dataclass(frozen=True)
 class Elsewhere:
-    """What was found in a dataset from elsewhere."""
+    """The labyrinths of an external dataset, with the problems in reading it."""
 
     splits: Mapping[str, Sequence[Held]]
-    """Split -> its labyrinths, in order; or their structures, if one has neither start nor goal."""
+    """Split -> its labyrinths, in order; or all structures, if any has no start and goal."""
     files: Mapping[str, Mapping[str, str]]
-    """Split -> id of a labyrinth -> its first place in a file; empty if they are in no files."""
+    """Split -> id of a labyrinth -> its first place in a file; empty if not read from files."""
     problems: Sequence[str]
     """A line for each labyrinth, or file, that could not be read."""
     config: str | None = None
-    """The config of the dataset, of which the first is read unless one is named."""
+    """The config that was read, if the dataset has named configs."""
 
     @property
     def structures_alone(self) -> bool:
-        """Whether the splits hold structures."""
+        """Whether the splits hold structures instead of labyrinths."""
         return any(isinstance(held[0], Structure) for held in self.splits.values() if held)
 
     @property
     def copies(self) -> dict[str, int]:
-        """Split -> number of labyrinths in it that came before, with the same start and goal."""
+        """Split -> number of items that are equal to an earlier item of the split."""
         return {split: len(held) - len(set(held)) for split, held in self.splits.items()}
 
 
 def read_elsewhere(source: str, config: str | None) -> Elsewhere:
-    """Return the labyrinths of a dataset from elsewhere.
+    """Return the labyrinths of an external dataset.
 
     Args:
-        source: A file or a folder for `read_collection`; or a dataset with a column `info`, as
-            `load_dataset` finds it: in a folder with Parquet files, or by its id on the Hub. No
-            other column is read.
+        source: A file or a folder for `read_collection`; or, for `load_dataset`, a folder with
+            Parquet files or an id on the Hub, of which only the column `info` is read.
         config: The config of the dataset, if it has several.
 
     Raises:
@@ -57,7 +56,7 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     """
     path = Path(source).expanduser()
     if path.is_file() and not is_collection(path):
-        raise DatasetError(f"{source}: labyrinths are in files that end in {', '.join(KINDS)}")
+        raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
     rows = path.is_dir() and any(file.suffix == ".parquet" for file in files_in(path))
     if path.is_file() or (path.is_dir() and not rows):
         found = _in_files(path)
@@ -65,9 +64,9 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
             return found
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
-    # Of the folder `.`, `datasets` finds no name.
+    # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
-    # The pieces of a route are episodes of one labyrinth, each with a text of its own.
+    # Different texts may describe the same labyrinth, which then counts once.
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
     return Elsewhere(splits, {}, (), config)
 
@@ -94,19 +93,19 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
         try:
             yield parse(info)
         except ValueError as error:
-            # Its first line says what is wrong, those below show the place.
+            # Its first line says what is wrong, the others show where.
             reason = str(error).partition("\n")[0]
-            raise DatasetError(f"{split} info: no labyrinth: {reason}") from error
+            raise DatasetError(f"{split} info: not a labyrinth: {reason}") from error
 
 
 def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]], str | None]:
-    """Return the values of `info` in each split of any dataset, as they are downloaded; its config.
+    """Return the config of a dataset and, streamed, the values of `info` in each split.
 
-    No other column is downloaded. Equal values in consecutive rows come once. A config that the
-    dataset itself chooses is printed.
+    No other column is downloaded. Equal values in consecutive rows come once. The name of a
+    default config is printed.
 
     Raises:
-        DatasetError: At once if there is no such dataset, later if it cannot be read.
+        DatasetError: There is no such dataset; or, while streaming, it cannot be read.
     """
     import yaml
     from datasets import load_dataset
@@ -116,15 +115,15 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     limit_silence()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks for names.
+    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks up names.
         reason = why_unavailable(source, error)
         if isinstance(error, yaml.YAMLError):
             reason = f"{source}: the front matter of its README.md cannot be read"
-        elif "BuilderConfig" in str(error):  # One that is not there; the message lists the others.
+        elif "BuilderConfig" in str(error):  # No such config; the message lists the others.
             reason = source
         raise DatasetError(f"{reason}: {one_line(error)}") from error
     if config is None and (default := next(iter(splits.values())).config_name) != "default":
-        say(f"{source}: {default}, by default; leakage.config names another.")
+        say(f"{source}: default config {default}; leakage.config selects another.")
         config = default
     return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
 

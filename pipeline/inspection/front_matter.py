@@ -1,4 +1,4 @@
-"""The front matter of a dataset's README.md, by which `load_dataset` finds configs and splits."""
+"""The front matter of a dataset's README.md, from which `load_dataset` reads configs and splits."""
 
 from __future__ import annotations
 
@@ -23,28 +23,28 @@ from labyrinth_core.evaluation.questions import (
 )
 
 DEFAULT_CONFIG = "5x5"
-"""The config that is loaded when none is named, where it is there."""
+"""The default config of a folder that has it."""
 
 TABLE_SPLIT = "labyrinths"
-"""What the Hub's tools have to call a split: the table has none, as its rows are of all splits."""
+"""The split name of the table of labyrinths: the Hub needs one, but its rows are of all splits."""
 
 LICENCE = "mit"
-"""The licence of a dataset whose card names no other, as the Hub spells it."""
+"""The default licence of a dataset, as the Hub spells it."""
 
 _FENCE = "---\n"
 _CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
-"""The name of a config; other folders, such as that of a build, are ignored."""
+"""The name of a config; folders with other names, such as a build's, are ignored."""
 
 BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
 END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
-"""The end of the generated text; what a person writes before and after the marks is kept."""
+"""The end of the generated text; text that a person writes outside the marks is kept."""
 
 
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
     read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
-    # A copy under another name is no config: its files would not be where the card says.
+    # A copy under another name is not a config: its files would not be where the card says.
     manifests = [
         replace(manifest, questions=questions_of(data_dir, manifest))
         for folder, manifest in read_from.items()
@@ -59,7 +59,7 @@ def table_config(config: str) -> str:
 
 
 def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
-    """Return the manifest of a dataset's questions; None if there are none, or of other rows."""
+    """Return the manifest of a dataset's questions; None if missing or made from other rows."""
     folder = data_dir / questions_config(manifest.config.name)
     if not (folder / MANIFEST).is_file():
         return None
@@ -72,16 +72,16 @@ def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
 
 
 def default_config(manifests: list[Manifest]) -> str:
-    """Return the name of the config that is loaded when none is named."""
+    """Return the name of the default config: `DEFAULT_CONFIG` if present, else the first."""
     names = [manifest.config.name for manifest in manifests]
     return DEFAULT_CONFIG if DEFAULT_CONFIG in names else names[0]
 
 
 def update(data_dir: AnyPath) -> None:
-    """Write the front matter for all finished datasets of a folder; the text below it stays.
+    """Write the front matter for all finished datasets of a folder; keep the text below it.
 
     Raises:
-        DatasetError: There is a README.md that is not of a dataset.
+        DatasetError: The folder has a README.md that is not a dataset's.
     """
     path = data_dir / "README.md"
     values, text = read(path)
@@ -94,7 +94,7 @@ def update(data_dir: AnyPath) -> None:
 
 
 def splits_of(manifests: list[Manifest]) -> list[str]:
-    """Return the names of the splits that any of some datasets has, in order."""
+    """Return the names of the splits that at least one dataset has, in order."""
     held = {split for manifest in manifests for split in manifest.config.splits}
     return [split for split in SPLITS if split in held]
 
@@ -106,7 +106,7 @@ def with_values(values: dict[str, Any], text: str) -> str:
 
 
 def described(manifests: list[Manifest]) -> dict[str, Any]:
-    """Return the values by which `load_dataset` knows configs, splits, features and counts."""
+    """Return the values from which `load_dataset` reads configs, splits, features and counts."""
     default = default_config(manifests)
     configs, infos = [], []
 
@@ -171,12 +171,12 @@ def _kind(feature: dict[str, Any]) -> dict[str, Any]:
 
 
 def shard_pattern(manifest: Manifest, split: str, name: str | None = None) -> str:
-    """Return the pattern of the paths of a split's shards, and of no file left of another build.
+    """Return a glob pattern that matches a split's shards, but no file left by another build.
 
     Args:
         manifest: The manifest of the shards.
         split: The split.
-        name: The name of their config and folder, if it is not the dataset's.
+        name: The name of the shards' config and folder, if it is not the dataset's.
     """
     first = manifest.of(split)[0].path
     return f"{name or manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
@@ -186,11 +186,11 @@ def with_generated(text: str, generated: str) -> str:
     """Return the text of a README.md with its generated part replaced.
 
     Args:
-        text: The text so far; without marks a person wrote it, and it comes last.
+        text: The text so far; if it has no marks, a person wrote it and it comes last.
         generated: The new part, without marks.
 
     Raises:
-        DatasetError: One of the two marks is missing, or they are in disorder.
+        DatasetError: One of the two marks is missing, or they are in the wrong order.
     """
     before, begin, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
@@ -205,7 +205,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """Return the front matter of a README.md and the text below it; defaults without a file.
 
     Raises:
-        DatasetError: There is a README.md that is not of a dataset.
+        DatasetError: The README.md is not a dataset's.
     """
     try:
         content = path.read_text(encoding="utf-8")
@@ -225,7 +225,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
 
 
 def _are_ours(configs: object) -> bool:
-    """Return whether a front matter has configs, and none of another dataset."""
+    """Return whether a front matter has a list of configs, all named like ours."""
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
@@ -234,7 +234,7 @@ def _are_ours(configs: object) -> bool:
 
 
 def licence_of(values: Mapping[str, Any]) -> str:
-    """Return the licence that a front matter names, or several of them."""
+    """Return the licence in a front matter; several are joined by commas."""
     licence = values.get("license") or LICENCE
     return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
 

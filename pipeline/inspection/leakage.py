@@ -1,8 +1,8 @@
-"""Leakage: what the labyrinths of two splits have in common beside their structures, exactly.
+"""Leakage: what labyrinths of two splits have in common beyond an equal structure.
 
-Everything is found by looking up keys that are equal where two labyrinths have something in common,
-so that the time grows with the number of labyrinths and not of pairs. `near_twins` finds structures
-a few walls apart, `certificate` those that a rotation or reflection makes the same.
+Every result is exact. Rotations, reflections and shared routes are found by looking up keys that
+matching labyrinths share, so the time grows with the number of labyrinths, not of pairs.
+`certificate` computes the keys of structures; `near_twins` finds structures a few walls apart.
 """
 
 from __future__ import annotations
@@ -37,10 +37,10 @@ from pipeline.inspection.certificate import (
 from pipeline.inspection.near_twins import FAR, JOINED_WALLS, nearest, passage_table
 
 NEAR = range(1, JOINED_WALLS + 1)
-"""The numbers of walls that near twins are counted by."""
+"""The distances in walls within which near twins are counted."""
 
 ROUTES = 1_000
-"""The largest number of optimal routes of a labyrinth that are compared."""
+"""The maximum number of optimal routes compared per labyrinth."""
 
 OptimalRoute = tuple[int, int, int, bytes]
 """Height and width of the labyrinth, the start, and the actions."""
@@ -48,30 +48,30 @@ OptimalRoute = tuple[int, int, int, bytes]
 
 @dataclass(frozen=True)
 class Closeness:
-    """How close the labyrinths of a split are to those of another."""
+    """How close the labyrinths of the second split of a pair are to those of the first."""
 
     pair: Pair
-    """The two splits, and the structures that they share."""
+    """The two splits, and the structures they share."""
     symmetric: Found
-    """The shared ones, and those whose structures a rotation or reflection makes the same."""
+    """Labyrinths whose structure is in the first split, up to rotation or reflection."""
     same_route: Found
-    """Labyrinths with an optimal route that is optimal in a labyrinth of the first split, too."""
+    """Labyrinths with an optimal route that is also optimal in a labyrinth of the first split."""
     nearest: Mapping[str, tuple[str, int]]
-    """Id -> id of the labyrinth with the nearest structure of its size, and the walls between.
+    """Id -> id of the labyrinth with the nearest structure of its size, and the distance in walls.
 
-    A labyrinth is missing if the first split has none of its size, or none near among too many to
-    compare (`near_twins.MOST_PAIRS`).
+    A labyrinth is missing if the first split has none of its size, or if none is near and there
+    are too many pairs to compare (`near_twins.MOST_PAIRS`).
     """
 
     def within(self, walls: int) -> int:
-        """Return the number of labyrinths at most so many walls from one of the first split."""
+        """Return how many labyrinths are at most `walls` walls from one of the first split."""
         return sum(apart <= walls for _, apart in self.nearest.values())
 
     def spread(self, of: int) -> str:
-        """Return the distance to the nearest structure in walls, least and median.
+        """Return the minimum and the median distance to the nearest structure, in walls, as text.
 
         Args:
-            of: The number of labyrinths of the second split; the missing ones count as far away.
+            of: The number of labyrinths of the second split; those not in `nearest` count as far.
         """
         walls = [apart for _, apart in self.nearest.values()]
         values = (min(walls, default=inf), median([*walls, *[inf] * (of - len(walls))]))
@@ -80,17 +80,16 @@ class Closeness:
 
 @dataclass(frozen=True)
 class Leakage:
-    """What the splits of a dataset have in common, and how close they are to one another."""
+    """What the splits of a dataset have in common, and how close they are to each other."""
 
     certificate: Certificate
     pairs: Sequence[Closeness]
     """One for each pair of the certificate."""
     cut: int
-    """The number of labyrinths with more than `ROUTES` optimal routes, of which only that many were
-    compared."""
+    """The number of labyrinths of which only the first `ROUTES` optimal routes were compared."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return it in plain types, with the counts."""
+        """Return the leakage as plain types for JSON, with the counts of each pair."""
         pairs = []
         for each in self.pairs:
             values = dict(vars(each))
@@ -105,12 +104,12 @@ def find_leakage(
     splits: Mapping[str, Iterable[Held]],
     certificate: Certificate | None = None,
 ) -> Leakage:
-    """Return what the splits of a dataset have in common.
+    """Return the leakage between the splits of a dataset.
 
     Args:
-        splits: The labyrinths of each split, or structures alone, which have no routes; for the
-            meaning of the names see `certify`.
-        certificate: The certificate of the splits, if it is known.
+        splits: The labyrinths of each split, or only their structures, which have no routes;
+            `certify` explains what the names mean.
+        certificate: The certificate of the splits; computed if None.
     """
     held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     if certificate is None:
@@ -125,10 +124,10 @@ def find_leakage(
 
 
 class _Known(NamedTuple):
-    """The labyrinths of a split with the keys by which counterparts are found."""
+    """The keys by which counterparts of a split's labyrinths are found."""
 
     numbers: Hashes
-    """Their ids."""
+    """The ids of the labyrinths."""
     symmetric: Hashes
     routes: list[list[OptimalRoute]]
     cut: int
@@ -152,7 +151,7 @@ def _known(labyrinths: list[Held]) -> _Known:
 
 
 def _optimal(labyrinth: Held) -> list[OptimalRoute]:
-    """Return the optimal routes of a labyrinth, `ROUTES` + 1 at most; a structure has none."""
+    """Return at most `ROUTES` + 1 optimal routes of a labyrinth; none for a structure."""
     if not isinstance(labyrinth, Labyrinth):
         return []
     routes = shortest_routes(labyrinth, ROUTES + 1)

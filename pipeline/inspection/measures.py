@@ -1,13 +1,13 @@
-"""The six measures in which splits are compared, each as counts of a labyrinth that add up.
+"""The six measures by which splits are compared, each computed from additive counts per labyrinth.
 
-| measure | of what | distance |
+| measure | compares | distance |
 |---|---|---|
-| actions | how often each is taken | Jensen-Shannon, 0 to 1 |
-| trajectories | row and column of the agent in every state, as 0 to 1 | mean Wasserstein |
-| states | these and every passage, open 1, shut 0 | mean Wasserstein |
+| actions | how often each action is taken | Jensen-Shannon, 0 to 1 |
+| trajectories | the agent's row and column in every state, scaled to 0 to 1 | mean Wasserstein |
+| states | the same, and every passage: open 1, closed 0 | mean Wasserstein |
 | route length | moves of a shortest route | Wasserstein, in moves |
-| branching | cells with three passages or four, where ways part | Wasserstein, in cells |
-| loops | passages beyond those of a tree | Wasserstein, in passages |
+| branching | cells with three or four passages | Wasserstein, in cells |
+| loops | passages beyond those of a spanning tree | Wasserstein, in passages |
 """
 
 from __future__ import annotations
@@ -36,11 +36,11 @@ class Sample(NamedTuple):
     """One measure of a split."""
 
     counts: NDArray[np.int64]
-    """The counts of each labyrinth, which add up, shape (labyrinths, counts)."""
+    """Additive counts of each labyrinth, shape (labyrinths, counts)."""
     values: Floats
-    """The mean of each labyrinth, for the size of the effect, shape (labyrinths, dimensions)."""
+    """Each labyrinth's mean, for the effect size, shape (labyrinths, dimensions)."""
     distance: Statistic
-    """The distance of two samples from their added counts."""
+    """Maps the summed counts of two samples to their distance."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +53,20 @@ class MeasuredShift:
     labyrinths: tuple[int, int]
     """The number of labyrinths of each split; permutations exchange whole labyrinths.
 
-    Splits of the same structures, in the same order, exchange labyrinths of one structure only.
+    If both splits have the same structures in the same order, only equal structures are exchanged.
     """
     distance: float
     effect: float
-    """Cohen's d of the means of labyrinths, above 0 where the second's are larger.
+    """Cohen's d of the labyrinths' means, positive if those of the second split are larger.
 
     With several dimensions, the mean of the absolute values.
     """
     p_value: float
     corrected: float
-    """The p-value by Holm's method, over all measures and pairs of the dataset."""
+    """The p-value after Holm's correction, over all measures and pairs of one `compare` call."""
 
     def to_json(self) -> dict[str, Any]:
-        """Return it in plain types, to six digits; an infinite effect is None."""
+        """Return plain types; distance and effect to six decimals, an infinite effect as None."""
         effect = round(self.effect, 6) if np.isfinite(self.effect) else None
         return vars(self) | {"distance": round(self.distance, 6), "effect": effect}
 
@@ -80,7 +80,7 @@ def compare(
 
     Args:
         contents: The content of each split.
-        pairs: The names of the splits to compare.
+        pairs: The names of the splits to compare; all their tests are one family for Holm.
         seed: The seed of the permutations.
     """
     found = []
@@ -106,7 +106,7 @@ def compare(
 
 
 def _side_by_side(samples: list[Sample]) -> Statistic:
-    """Return the distances of all samples, whose counts stand one after the other."""
+    """Return the statistic that maps concatenated counts to the distance of each sample."""
     ends = np.cumsum([sample.counts.shape[1] for sample in samples])[:-1]
 
     def distances(a: Floats, b: Floats) -> Floats:
@@ -150,7 +150,7 @@ def _positions(content: Content) -> tuple[NDArray[np.int64], Floats, Floats]:
 def _on_a_grid(
     below: NDArray[np.int64], gaps: Floats, values: Floats, totals: NDArray[np.int64]
 ) -> Sample:
-    """Return the sample whose distance is the mean of those of all dimensions."""
+    """Return the sample whose distance is the mean Wasserstein distance of all dimensions."""
     shares = gaps / values.shape[1]
     return Sample(
         np.concatenate([below, totals[:, None]], axis=1),
@@ -160,7 +160,7 @@ def _on_a_grid(
 
 
 def _numbers(values: NDArray[np.int64], most: int) -> Sample:
-    """Return the sample of one whole number of each labyrinth, from 0 to `most`."""
+    """Return the sample of one integer per labyrinth, from 0 to `most`."""
     below = (values[:, None] <= np.arange(most)).astype(np.int64)
     return _on_a_grid(below, np.ones(most), values[:, None].astype(float), np.ones_like(values))
 
@@ -177,4 +177,4 @@ MEASURES: dict[str, Callable[[Content, int], Sample]] = {
         np.array([each.structure.loops for each in content.labyrinths]), most
     ),
 }
-"""Name -> the sample of a split; the number is an upper bound of all lengths and counts."""
+"""Name -> function from a split and an upper bound of all lengths and counts to the sample."""

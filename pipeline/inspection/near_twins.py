@@ -1,11 +1,11 @@
-"""Structures that are few walls apart, found exactly and in almost linear time.
+"""An exact search for structures a few walls apart, in almost linear time.
 
 The distance of two structures of one size is the number of passages that only one of them has.
 Cut the passages of the grid into blocks: structures that are at most `walls` apart differ in at
-most `walls` blocks, and agree in all others. So for each choice of that many blocks, the passages
+most `walls` blocks, and agree in all others. So for each choice of `walls` blocks, the passages
 outside them are a key: structures that share no key are farther apart, and those that share one
-are compared in full. (Manku, Jain and Das Sarma, "Detecting
-near-duplicates for web crawling", WWW 2007, section 3.)
+are compared in full. (Manku, Jain and Das Sarma, "Detecting near-duplicates for web crawling",
+WWW 2007, section 3.)
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.labyrinth import Structure, horizontal_edges, vertical_edges
 
 JOINED_WALLS = 3
-"""The largest distance that is looked up; for larger ones all pairs are compared."""
+"""The largest distance found by looking up keys; for larger ones all pairs are compared."""
 MOST_PAIRS = 10**10
-"""The largest number of pairs that are compared; at 5x5 that takes about half a minute."""
+"""The maximum number of pairs compared; at 5x5 that takes about half a minute."""
 FAR = -1
-"""Stands for a distance of more than `JOINED_WALLS` where there are too many pairs to compare."""
+"""A distance of more than `JOINED_WALLS`, unknown as there are too many pairs to compare."""
 
 HELD_PAIRS = 1 << 20
-"""The number of pairs that are held in memory at a time."""
+"""The number of pairs held in memory at a time."""
 _ONES = np.array([byte.bit_count() for byte in range(256)], np.uint8)
 
 
 class Nearest(NamedTuple):
-    """The nearest one of some others, for each structure."""
+    """For each structure, the nearest of some others."""
 
     walls: NDArray[np.int64]
-    """Its distance, `FAR` if that is not known, shape (structures,)."""
+    """The distance of the nearest, `FAR` if unknown, shape (structures,)."""
     which: NDArray[np.int64]
-    """Its index, the first of several, shape (structures,); without meaning where `FAR`."""
+    """The index of the nearest, the first if tied, shape (structures,); meaningless where `FAR`."""
 
 
 def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
@@ -58,11 +58,11 @@ def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
 
 
 def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
-    """Return the nearest structure of `among` for each of `of`; exact wherever it is not `FAR`.
+    """Return the nearest structure of `among` for each of `of`; exact unless it is `FAR`.
 
     Args:
         of: A `passage_table`, shape (n, passages).
-        among: Another for structures of the same size, shape (m, passages), m at least 1.
+        among: A `passage_table` for structures of the same size, shape (m, passages), m at least 1.
     """
     # Distance and index in one number, the distance first: the least is the nearest.
     best = np.full(len(of), np.iinfo(np.int64).max)
@@ -86,7 +86,7 @@ def _candidates(
 ) -> Iterator[tuple[NDArray[np.int64], NDArray[np.int64]]]:
     """Yield candidate pairs (indices in `of`, indices in `among`), some of them repeatedly.
 
-    All pairs that are at most `walls` apart are among them; the former indices are in order.
+    They include all pairs at most `walls` apart; the indices in `of` are in ascending order.
     """
     blocks, left_out = _cut(of.shape[1], walls, len(among))
     # A key is the sum of a random number for each open passage, so the sums of blocks add up.
@@ -155,16 +155,16 @@ def _nearest_of_all(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:
 
 
 class Neighbourhood:
-    """Structures of one size, to find out whether another one is few walls away from any."""
+    """A collection of structures of one size that tells whether another one is near one of them."""
 
     def __init__(self, height: int, width: int, walls: int, structures: int) -> None:
-        """Begin with no structures.
+        """Create an empty collection.
 
         Args:
             height: The number of rows.
             width: The number of columns.
-            walls: The largest distance that is near.
-            structures: The approximate number of structures to come; it affects only the speed.
+            walls: The largest distance that counts as near.
+            structures: The approximate number of structures to add; it affects only the speed.
         """
         self._walls = walls
         self._shift = height * width
@@ -182,7 +182,7 @@ class Neighbourhood:
             table.setdefault(bits & mask, []).append(bits)
 
     def is_near(self, structure: Structure) -> bool:
-        """Return whether a structure that was added is at most `walls` away from this one."""
+        """Return whether an added structure is at most `walls` away from this one."""
         bits = structure.up | structure.right << self._shift
         return any(
             (bits ^ other).bit_count() <= self._walls

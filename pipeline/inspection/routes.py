@@ -1,4 +1,4 @@
-"""The episodes of a dataset as routes through the states of their labyrinths, without pictures."""
+"""A dataset's episodes as sequences of states and actions, read without their pictures."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ class Route(NamedTuple):
 
     labyrinth: Labyrinth
     is_first: bool
-    """Whether it is the first route in its labyrinth."""
+    """Whether it is the labyrinth's first route."""
     shortest: int
     """The number of moves of a shortest route in the labyrinth, from its start."""
     states: Sequence[int]
-    """The T + 1 states visited, numbered as in `dynamics`; modulo the cells, the agent's cell."""
+    """The T + 1 states visited, as `dynamics` numbers them: modulo the cells, the agent's cell."""
     actions: Sequence[int]
     """The T actions taken."""
     returned: float
@@ -36,12 +36,11 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
     """Yield the routes of episodes.
 
     Args:
-        episodes: The text of the rows, the actions and the return of each episode; the
-            episodes of a labyrinth follow one another.
+        episodes: The text, the actions and the return of each, grouped by labyrinth.
 
     Raises:
-        ValueError: A text does not describe a labyrinth, or a number is not an action.
-        IndexError: A number is not an action.
+        ValueError: A text does not describe a labyrinth, or an action is negative.
+        IndexError: An action is too large.
     """
     before = None
     for text, actions, returned in episodes:
@@ -64,13 +63,13 @@ def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
     """Yield the routes of a shard, reading one row group at a time.
 
     Raises:
-        DatasetError: The file is missing, damaged, or its rows do not make episodes.
+        DatasetError: The file is missing or damaged, or its rows do not form episodes.
     """
     path = folder / shard.path
     groups = grouped(Part(folder, [shard]).rows(pictures=False))
     try:
         yield from routes(episode for group in groups for episode in group.each())
     except (ValueError, IndexError, DatasetError) as error:
-        if str(path) in str(error):  # Of `Part.rows`.
+        if str(path) in str(error):  # From `Part.rows`.
             raise
         raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error

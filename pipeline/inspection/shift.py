@@ -1,8 +1,7 @@
-"""How far apart two samples are, and whether chance explains it.
+"""Distances between two samples, and permutation tests of whether chance explains them.
 
-A sample is made of units that are independent of one another (whole episodes, or all episodes of
-a labyrinth), each summed up by counts that add up: so a permutation of whole units only has to
-add the counts anew, and never looks at a row again.
+A sample consists of independent units: whole episodes, or all episodes of a labyrinth. Additive
+counts describe each unit, so a permutation of units only sums counts again and reads no row.
 """
 
 from __future__ import annotations
@@ -15,15 +14,15 @@ from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float64]
 Statistic = Callable[[Floats, Floats], Floats]
-"""The counts of two samples, shapes (..., counts), -> distances, shape (..., distances)."""
+"""Maps the counts of two samples, shapes (..., counts), to distances, shape (..., distances)."""
 
 PERMUTATIONS = 999
-"""With the observed one a thousand, so that a p-value is a multiple of 0.001."""
+"""Per test; 1,000 with the observed labels, so that p-values are multiples of 0.001."""
 
 BLOCK_BYTES = 1 << 26
-"""The memory for the permutations that are worked on at a time."""
+"""The memory for the permutations evaluated at a time."""
 _ROUNDING = 1e-9
-"""Distances that differ by less are equal but for the order of summation."""
+"""Distances that differ by less count as equal: the order of summation causes that much."""
 _NOTHING = 1e-14
 """Divergences below this are rounding errors of zero."""
 
@@ -31,8 +30,8 @@ _NOTHING = 1e-14
 def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
     """Return the Jensen-Shannon distance of two distributions, from 0 to 1.
 
-    It is the root of the divergence in bits (Endres and Schindelin, "A new metric for probability
-    distributions", IEEE Transactions on Information Theory 49, 2003).
+    It is the square root of the divergence in bits (Endres and Schindelin, "A new metric for
+    probability distributions", IEEE Transactions on Information Theory 49, 2003).
 
     Args:
         counts_a: How often each value occurs, shape (..., values); not all zero.
@@ -56,16 +55,16 @@ def _relative_entropy(p: Floats, q: Floats) -> Floats:
 
 
 def wasserstein_of_counts(below_a: ArrayLike, below_b: ArrayLike, gaps: ArrayLike) -> Floats:
-    """Return the Wasserstein distance of two samples of values on a grid, from counts that add up.
+    """Return the Wasserstein distance of two samples of values on a grid, from additive counts.
 
-    It is that of order 1: on a line, the area between the two distribution functions.
+    The distance has order 1: on a line, the area between the two distribution functions.
 
     Args:
-        below_a: How many values are at or below each point of the grid but the last, then how
-            many there are at all, shape (..., points). Several dimensions stand one after the
-            other, and are added up: divide their gaps by their number to get the mean.
+        below_a: The number of values at or below each grid point except the last, then the
+            number of all values, shape (..., points). Concatenate several dimensions to add up
+            their distances; divide their gaps by the number of dimensions to get the mean.
         below_b: As `below_a`.
-        gaps: From each point of the grid to the next, shape (points - 1,).
+        gaps: The distance from each grid point to the next, shape (points - 1,).
 
     Returns:
         Shape (...).
@@ -79,7 +78,7 @@ def cohens_d(a: ArrayLike, b: ArrayLike) -> Floats:
     """Return how many pooled standard deviations the mean of b is above that of a.
 
     Cohen, "Statistical Power Analysis for the Behavioral Sciences", 1988, section 2.2; infinite
-    where the values of each sample are all the same, but not those of both.
+    where all values within each sample are equal, but the two samples differ.
 
     Args:
         a: A value of each unit in each dimension, shape (n, dimensions).
@@ -100,7 +99,7 @@ def cohens_d(a: ArrayLike, b: ArrayLike) -> Floats:
 
 
 class Tested(NamedTuple):
-    """Distances of two samples, and how often chance makes them as large."""
+    """Distances of two samples, and the probability that chance makes them as large."""
 
     distances: Floats
     """Shape (distances,)."""
@@ -116,18 +115,18 @@ def permutation_test(
     *,
     paired: bool = False,
 ) -> Tested:
-    """Return the distances of two samples with the share of permutations that reach each.
+    """Return the distances of two samples, each with its p-value.
 
-    The p-value is (1 + permutations that reach it) / (1 + permutations), which is valid for any
+    The p-value is (1 + permutations that reach the distance) / (1 + permutations), valid for any
     number of them (Phipson and Smyth, "Permutation p-values should never be zero", 2010).
 
     Args:
         a: Counts of each unit, shape (n, counts); whole units are exchanged.
         b: Shape (m, counts).
-        statistic: From the added counts of two samples to their distances.
+        statistic: Maps the summed counts of two samples to their distances.
         rng: Draws the permutations.
-        paired: Whether a unit of one belongs to the unit of the other in the same place, and is
-            exchanged with that one only.
+        paired: Whether unit i of one sample belongs to unit i of the other, and is exchanged
+            only with it.
     """
     units = np.concatenate([a, b]).astype(np.float64)
     total = units.sum(axis=0)
@@ -150,7 +149,7 @@ def permutation_test(
 
 
 def holm(p_values: ArrayLike) -> Floats:
-    """Return p-values corrected for being many: at most `alpha` wherever Holm's test rejects.
+    """Return p-values adjusted for multiple tests: at most `alpha` wherever Holm's test rejects.
 
     Holm, "A simple sequentially rejective multiple test procedure", 1979.
 

@@ -1,7 +1,7 @@
-"""What is known of a dataset: its counts, its certificate of disjointness, and its analysis.
+"""The statistics of a dataset: counts, certificate of disjointness, and analysis.
 
-Card and report count the shards, and read what the stage `analyse` left in `analysis.json` in the
-dataset's folder.
+The card and the report count the shards, and read the `analysis.json` that the stage `analyse`
+writes in the dataset's folder.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
 
 MOST_NAMED = 20
-"""The most labyrinths shared by two splits that are named, of each kind."""
+"""The maximum number of shared labyrinths listed per pair of splits and kind."""
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
-"""The kinds of what two labyrinths may have in common."""
+"""The ways in which two labyrinths can match."""
 
 _SPLIT = Text(r"\w{1,99}")
 _ID = Text(r"[0-9a-f]{16}")
@@ -59,23 +59,23 @@ _ANALYSIS = {
         ),
     },
 }
-"""What the card and the report use of `analysis.json`."""
+"""The parts of `analysis.json` that the card and the report use."""
 
 
 @dataclass(frozen=True, eq=False)
 class DatasetStatistics:
-    """What is known of one dataset, which is one config of a folder."""
+    """The statistics of one dataset, which is one config of a folder."""
 
     manifest: Manifest
     splits: Mapping[str, SplitCounts]
     """The counts of each split, in the order of the table of splits."""
     certificate: Certificate
     analysis: Mapping[str, Any] | None = None
-    """As from `read_analysis`."""
+    """The result of `read_analysis`."""
 
     @property
     def name(self) -> str:
-        """The name of its config."""
+        """The name of the dataset's config."""
         return self.manifest.config.name
 
     @property
@@ -89,11 +89,11 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
 
     Args:
         data_dir: The folder.
-        stage: The stage that asks for them, named beside the progress bar.
+        stage: The name to show beside the progress bar.
         workers: The number of processes that read shards.
 
     Raises:
-        DatasetError: There is no dataset; or a dataset, or its analysis, is damaged.
+        DatasetError: The folder has no finished dataset, or a dataset or an analysis is damaged.
     """
     manifests = front_matter.finished(data_dir)
     if not manifests:
@@ -118,9 +118,9 @@ def count_dataset(
 
     Args:
         folder: The folder of the dataset.
-        manifest: Its manifest.
+        manifest: The manifest of the dataset.
         workers: The number of processes.
-        stage: The stage that counts, named beside the progress bar.
+        stage: The name to show beside the progress bar.
         keep: Called after each shard with the name of its split and its content.
 
     Raises:
@@ -142,10 +142,10 @@ def count_dataset(
 
 
 def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
-    """Return what the stage `analyse` has found out about a dataset.
+    """Return the parts of a dataset's `analysis.json` that the card and the report show.
 
     Returns:
-        None if `analysis.json` is missing, or is of other rows, which were in the folder before.
+        None if the file is missing or its fingerprint is not the dataset's.
 
     Raises:
         DatasetError: The file is damaged.
@@ -170,7 +170,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except MALFORMED as error:
-        reason = f"{one_line(error):.300}; stages=analyse writes it anew"
+        reason = f"{one_line(error):.300}; stages=analyse writes it again"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 

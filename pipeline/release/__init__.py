@@ -1,1 +1,1 @@
-"""The release of datasets: card, statistics, pictures and Croissant, then the way to the Hub."""
+"""The cards of datasets and policies, their side files, and publishing on the Hugging Face Hub."""

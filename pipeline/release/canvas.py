@@ -1,4 +1,4 @@
-"""A sheet to draw figures on: text that a phone can show, flat colours, and labyrinths.
+"""A sheet to draw figures on: text legible on a phone, flat colours, and labyrinths.
 
 Figures are 1080 pixels wide, so that on a phone, at a third of that, their text is still about
 ten pixels high.
@@ -27,7 +27,7 @@ MUTED: Colour = (100, 108, 116)
 LINE: Colour = (222, 226, 230)
 
 _FINER = 4
-"""The factor by which lines are drawn larger and then shrunk, for smooth edges."""
+"""The factor by which lines are drawn larger, then shrunk, for smooth edges."""
 
 
 class Sheet:
@@ -45,7 +45,7 @@ class Sheet:
         colour: Colour = INK,
         anchor: str = "ls",
     ) -> None:
-        """Write a line of text; `anchor` as Pillow has it, the left end of the baseline first."""
+        """Write a line of text; `anchor` is Pillow's, by default the left end of the baseline."""
         self._draw.text(place, text, fill=colour, font=ImageFont.load_default(size), anchor=anchor)
 
     def box(self, left: float, top: float, right: float, bottom: float, colour: Colour) -> None:
@@ -60,9 +60,9 @@ class Sheet:
         """Draw a labyrinth and the route of an episode, without the margins above and below.
 
         Args:
-            place: Its left and top edges, in pixels.
+            place: The left and top edges of the labyrinth, in pixels.
             size: Its width in pixels, or its height if it is taller than wide.
-            labyrinth: What to draw, with everything that its agent does not see.
+            labyrinth: The labyrinth, drawn with everything that its agent does not see.
             actions: The actions of the episode.
         """
         left, top = place
@@ -87,12 +87,12 @@ def mixed(first: Colour, second: Colour, part: float) -> Colour:
 
 
 def tallness(structure: Structure, size: int) -> int:
-    """Return the height that a labyrinth takes in a square picture of that size."""
+    """Return the height that a labyrinth takes in a square picture `size` pixels wide."""
     return min(size, round(size * structure.height / structure.width))
 
 
 def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) -> Image.Image:
-    """Return the picture of a labyrinth at its start with a route, `_FINER` times a size."""
+    """Return the picture of a labyrinth at its start with a route, `_FINER` * `size` wide."""
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         labyrinth = replace(labyrinth, task=Task.NAVIGATION)
     states = replay(labyrinth, actions).states
@@ -105,7 +105,7 @@ def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) 
 
 
 def _middles(labyrinth: Labyrinth, states: Sequence[State], side: int) -> list[tuple[float, float]]:
-    """Return the centres of the agent's cells in a square picture of that size."""
+    """Return the centres of the agent's cells in a square picture `side` pixels wide."""
     height, width = labyrinth.structure.height, labyrinth.structure.width
     wall = side / (12 * max(height, width))
     pitch = (side - wall) / max(height, width)

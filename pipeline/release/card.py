@@ -1,7 +1,7 @@
 """The card of a folder of datasets: README.md, Croissant, eval.yaml, pictures, citation and more.
 
-Its numbers are the counts of the datasets and what the stage `analyse` has found out about them;
-the same data give the same bytes.
+Its numbers are the counts of the datasets and the results of the stage `analyse`; the same data
+give the same bytes.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from pipeline.release.provenance import Release
 from pipeline.release.side_files import changelog, citation_file, eval_file
 
 NAME = "Labyrinth"
-"""What the dataset is called where its card does not say otherwise."""
+"""The name of the dataset, unless its card has another."""
 TASK_CATEGORIES = ["reinforcement-learning"]
 """Tasks of the Hub's list, https://huggingface.co/tasks."""
 TAGS = [
@@ -56,7 +56,7 @@ ORIGIN = {
     "source_datasets": ["original"],
 }
 """Where the data are from, in the Hub's words (`huggingface_hub.DatasetCardData`); English is the
-language of the settings in `info`, and of questions. What a card says otherwise is kept."""
+language of the settings in `info`, and of questions. Other values in a card are kept."""
 
 _BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 """The bounds of the Hub's size categories: thousand, ten thousand and so on."""
@@ -82,18 +82,18 @@ def write_card(
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
 
-    A process that writes the README.md at the same time, such as a build of another size, waits or
-    is waited for, since one of the two would not know of the other's dataset.
+    Processes that write the README.md, such as a build of another size, do so one at a time, or
+    one of them would miss the other's dataset.
 
     Args:
         data_dir: The folder.
-        release: What is known of the release, if it is one.
+        release: The release, if the card is for one.
         workers: The number of processes that read shards.
-        first: Called when the datasets are read, before anything is written; it may raise.
+        first: Called after reading the datasets, before writing anything; it may raise.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
-            or the README.md or SHA256SUMS is somebody else's.
+            or the README.md or SHA256SUMS is not ours.
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
@@ -127,19 +127,19 @@ def _write_card(
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
-        say(f"Not written, since somebody else made or changed them: {', '.join(others)}.")
+        say(f"Not written, as they were changed, or not written by a card: {', '.join(others)}.")
     return datasets
 
 
 def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
-    """Return the statistics of all datasets, of which none has a structure in two splits."""
+    """Return the statistics of all datasets, after checking that their splits are disjoint."""
     datasets = statistics_of(data_dir, "card", workers)
     for dataset in datasets:
         if problems := "; ".join(dataset.certificate.problems()):
-            reason = f"{problems}: no card for such a dataset"
+            reason = f"{problems}; no card is written for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
         with table_file(data_dir / dataset.name, dataset.manifest):
-            pass  # It is not damaged.
+            pass  # Opening it checks that it is not damaged.
     return datasets
 
 
@@ -154,7 +154,7 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that are not drawn any more, and the task of questions that are gone."""
+    """Return the pictures that are no longer drawn, and eval.yaml if no questions are left."""
     picture = re.compile(rf"{readme.PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
     left = [name for name, _ in own.hashes if picture.fullmatch(name) or name == EVAL]
     return [name for name in left if name not in files]
@@ -182,6 +182,6 @@ def _joined(ours: list[str], theirs: Any) -> list[str]:
 
 
 def size_category(rows: int) -> str:
-    """Return the Hub's word for a number of rows (`huggingface_hub.DatasetCardData`)."""
+    """Return the Hub's size category for a number of rows (`huggingface_hub.DatasetCardData`)."""
     words = ["n<1K", *(f"{low}<n<{high}" for low, high in pairwise(_BOUNDS)), "n>1T"]
     return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]

@@ -1,11 +1,11 @@
 """The Croissant description of a dataset: JSON-LD that machines read, with responsible-AI fields.
 
 Croissant 1.1 (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html) and its RAI
-vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The Hub makes
-one by itself, without those fields and without hashes. `texts/croissant.json` holds all that does
-not depend on the data: `@context` is the one that mlcroissant 1.1 expects, with the vocabulary of
-provenance; `datePublished` is the day this form of the dataset is from (`manifest.FORMAT` 2), since
-a clock would make the same data differ.
+vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The description
+that the Hub generates lacks those fields and the hashes. `texts/croissant.json` holds everything
+that does not depend on the data: `@context` is the one that mlcroissant 1.1 expects, with the
+provenance vocabulary; `datePublished` is the fixed day of this data format (`manifest.FORMAT` 2),
+so that the same data give the same file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pipeline.release.provenance import Release, command
 from pipeline.release.texts import citation, read
 
 REPOSITORY = "repo"
-"""The id of the repository that a release is contained in; `mapping={"repo": folder}` makes
+"""The id of the repository that contains a release; `mapping={"repo": folder}` makes
 mlcroissant read a local copy of it."""
 
 _DATA_TYPES = {
@@ -43,7 +43,7 @@ _DATA_TYPES = {
     "float32": "sc:Float",
     "bool": "sc:Boolean",
 }
-"""The data type of each feature that columns have, by the library `datasets`' word for it."""
+"""Type of a column's feature, as in the library `datasets` -> Croissant data type."""
 
 
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
@@ -86,13 +86,13 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     if release.licence != front_matter.LICENCE:
         content["license"] = release.licence
     if all(dataset.manifest.config.goals != "fixed" for dataset in datasets):
-        del content["rai:dataBiases"][1]  # Of start and goal in fixed corners.
+        del content["rai:dataBiases"][1]  # The one of start and goal in fixed corners.
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
 def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> list[dict[str, Any]]:
     parts: list[dict[str, Any]] = []
-    within: dict[str, Any] = {}  # What is contained in nothing lies beside this file.
+    within: dict[str, Any] = {}  # Empty for files beside croissant.json.
     if release.repo_id:
         within = {"containedIn": {"@id": REPOSITORY}}
         repository = {
@@ -135,9 +135,9 @@ def _split_records(
 
     Args:
         config: The name of the config.
-        columns: Its columns.
-        splits: Its splits.
-        row: What a row is of.
+        columns: The columns of the config.
+        splits: The splits of the config.
+        row: What a row stands for.
     """
     meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
     of_split = {

@@ -1,9 +1,9 @@
-"""What is made of a dataset and published beside it: an export, its environment.
+"""The repositories derived from a dataset: exports for LeRobot and Minari, and an environment.
 
-An export is a repository that the library of its format reads from the Hub. It holds one config.
-LeRobot reads one dataset at the root, so that its repository holds one split. Minari reads a group
-of datasets, whose ids begin with the name of the repository, as
-`minari.storage.remotes.huggingface` of https://pypi.org/project/minari/, 0.5.4, has it.
+An export repository holds one config, in the form that the library reads from the Hub. LeRobot
+reads one dataset at the root, so its repository holds one split. Minari reads a group of datasets
+whose ids begin with the name of the repository (`minari.storage.remotes.huggingface` of
+https://pypi.org/project/minari/, 0.5.4).
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ KINDS = {"lerobot": LEROBOT, "minari": MINARI}
 """Format -> the kind of its repository."""
 
 NAMESPACE_METADATA = "namespace_metadata.json"
-"""The file by which Minari knows a group, and each group within a group."""
+"""The file that marks a Minari group, and each group within a group."""
 
 
 def loading(run: Run) -> str:
-    """Return the line that loads the export of a run from the Hub, for Minari its first split."""
+    """Return the line that loads a run's export from the Hub; for Minari, its first split."""
     options, name = run.options, run.options.publish.export
     if options.export.format == "lerobot":
         return f'LeRobotDataset("{name}")'
@@ -52,16 +52,16 @@ def loading(run: Run) -> str:
 
 
 def stage_export(run: Run, folder: Path, api: HfApi | None) -> None:
-    """Write all that the repository of the export of a run is to hold, files of it as links.
+    """Write all files of the repository of a run's export, exported files as symbolic links.
 
     Args:
         run: The run, which names the dataset, the format and the splits.
-        folder: Where to write it.
-        api: Says which dataset is on the Hub, as `published_dataset` has it.
+        folder: The folder to write them in.
+        api: The Hub's client, or None, as for `published_dataset`.
 
     Raises:
         ConfigError: The dataset has no such split.
-        DatasetError: A split is not exported, or damaged, or of another dataset or other options.
+        DatasetError: The export of a split is missing, damaged, or of another dataset or options.
         PublishError: The dataset is not on the Hub under the id that was given.
     """
     asked, (commit, manifest) = run.options.export, _origin(run, api)
@@ -81,7 +81,7 @@ def stage_export(run: Run, folder: Path, api: HfApi | None) -> None:
 
 
 def _origin(run: Run, api: HfApi | None) -> tuple[str | None, Manifest]:
-    """Return the commit of the dataset on the Hub, None if it has no id there; and its manifest."""
+    """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
     given = run.options.dataset is not None
     if run.options.publish.repo_id or (
         given and local_folder(run.source, run.dataset.name, None) is None
@@ -94,12 +94,12 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
     """Link the files of the export of a split into a folder, and return its record.
 
     Raises:
-        DatasetError: There is none, or it is damaged, or of another dataset or other options.
+        DatasetError: The export is missing, damaged, or of another dataset or options.
     """
     source, size = run.export_folder / f"{split}-v{VERSION}", run.options.export.image_size
     own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
-        raise DatasetError(f"{source} holds no whole export: stages=export makes it")
+        raise DatasetError(f"{source} holds no complete export: stages=export makes it")
     record: dict[str, Any] = json.loads((source / RECORD).read_bytes())
     if (record["fingerprint"], record["image_size"]) != (manifest.fingerprint, size):
         raise DatasetError(
@@ -113,14 +113,14 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
 
 
 def _group(folder: Path, run: Run, splits: Sequence[str]) -> None:
-    """Make Minari's group of the exports in a folder: its metadata, and the ids of its datasets."""
+    """Make the exports in a folder a Minari group: write its metadata and the datasets' ids."""
     group = run.options.publish.export.rpartition("/")[2]
     names = [f"{run.dataset.name}/{split}-v{VERSION}" for split in splits]
     ids = [f"{group}/{name}" for name in names]
     for id_, name in zip(ids, names, strict=True):
         path = folder / name / "data" / "metadata.json"
         content = json.loads(path.read_bytes()) | {"dataset_id": id_}
-        path.unlink()  # The link, and not what it leads to.
+        path.unlink()  # The link, not its target.
         write_text(path, json.dumps(content))
     held = {"datasets": ids, "namespaces": [f"{group}/{run.dataset.name}"]}
     write_text(folder / NAMESPACE_METADATA, json.dumps(held, indent=1) + "\n")
@@ -163,7 +163,7 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
 
     Args:
         format_: The format.
-        split: The first split, which is the only one of LeRobot.
+        split: The first split; the only one for LeRobot.
         licence: The licence of the dataset.
         repo_id: The id of the dataset on the Hub, if it has one.
     """
@@ -176,27 +176,27 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
     }
     if repo_id is not None:
         values["source_datasets"] = [repo_id]
-    if format_ == "lerobot":  # As LeRobot's own cards have it: the frames, and not the metadata.
+    if format_ == "lerobot":  # As in LeRobot's own cards: the frames, not the metadata.
         files = [{"split": split, "path": "data/*/*.parquet"}]
         values["configs"] = [{"config_name": "default", "data_files": files}]
     return values
 
 
 def stage_environment(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
-    """Write all that the repository of the environment of a run is to hold: `env.py` and a card.
+    """Write all files of the repository of a run's environment: `env.py` and a card.
 
     LeRobot looks for `env.py` in a model (`lerobot.envs.utils._download_hub_file` of
-    https://pypi.org/project/lerobot/, 0.4.4 to 0.6.1), and runs it where its user allows that.
+    https://pypi.org/project/lerobot/, 0.4.4 to 0.6.1), and runs it if its user allows that.
 
     Args:
         run: The run, which names the dataset and its config.
-        folder: Where to write it.
+        folder: The folder to write them in.
         commit: The commit of the dataset on the Hub.
         manifest: The manifest of that dataset.
     """
     dataset, _ = run.dataset_on_hub
     splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
-    # As literals of Python: nothing of what the Hub answers can become code.
+    # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(run.dataset.name)}
     write_text(folder / "env.py", fill("env.txt", **values, commit=repr(commit)))
     card = fill(

@@ -1,6 +1,6 @@
-"""What goes wrong with the Hugging Face Hub: which calls are repeated, and what a person is told.
+"""Errors of the Hugging Face Hub: which calls are retried, and what the user is told.
 
-The client repeats some of its calls after a fault of the Hub, others not; those are repeated here.
+The client retries some of its calls after a server error; the others are retried here.
 """
 
 from __future__ import annotations
@@ -18,23 +18,23 @@ from huggingface_hub.errors import HfHubHTTPError, HTTPError  # type: ignore[att
 from labyrinth_core.data.errors import DatasetError, one_line
 
 WAITS = (0.2, 1.0, 3.0)
-"""Seconds before each repetition of a call, after a fault of the Hub or of the line."""
+"""Seconds before each retry of a call, after a server or network error."""
 
 FAULTS = (HTTPError, JSONDecodeError)
-"""What the client raises for a fault; the second where it takes an error page for JSON."""
+"""What the client raises for such an error; the second if it parses an error page as JSON."""
 
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
-"""What the client raises, since version 1.19, if a job cannot prove to the Hub what it is."""
+"""What the client raises, since version 1.19, if a job cannot prove its identity to the Hub."""
 
 Result = TypeVar("Result")
 
 
 class PublishError(DatasetError):
-    """A release that could not be made, in one line."""
+    """A release failed; the message has one line."""
 
 
 def is_passing(error: Exception) -> bool:
-    """Return whether the same call may succeed later: after a fault of the line or the server."""
+    """Return whether a retry may succeed: after a network or server error, or a rate limit."""
     status = status_of(error)
     return status is None or status >= 500 or status in (408, 429)
 
@@ -44,7 +44,7 @@ def repeated(
     faults: tuple[type[Exception], ...] = FAULTS,
     may_pass: Callable[[Exception], bool] = is_passing,
 ) -> Result:
-    """Return the result of a call that may be made twice, after faults that may pass."""
+    """Return the result of an idempotent call, retried after temporary errors."""
     for seconds in WAITS:
         try:
             return call()
@@ -67,14 +67,14 @@ def explained(repo_id: str) -> Iterator[None]:
     """Turn an error of the client into one line that says what to do.
 
     Raises:
-        PublishError: In place of the error of the client.
+        PublishError: The client raised an error.
     """
     try:
         yield
     except DatasetError:
         raise
     except (HTTPError, ValueError, ConnectionError, RuntimeError, NO_TOKEN) as error:
-        # What fails while contents are sent comes as a RuntimeError or a ConnectionError.
+        # A failed upload of contents raises a RuntimeError or a ConnectionError.
         raise PublishError(_explanation(error, repo_id)) from error
 
 
@@ -94,12 +94,12 @@ def _explanation(error: Exception, repo_id: str) -> str:
 
 
 def reasons(repo_id: str) -> dict[int | None, str]:
-    """Return what to tell a person for each status of an answer."""
+    """Return the message for the user by the HTTP status of an answer."""
     return {
         401: "the Hub rejects the token: make a new one, and set HF_TOKEN or run `hf auth login`",
         403: f"the token may not write to {repo_id}: use one with write access",
         404: f"{repo_id} does not exist, or this token may not see it",
         409: f"the Hub reports a conflict for {repo_id}: publish again",
-        412: f"somebody else committed to {repo_id} meanwhile, and nothing was changed: "
-        "look at what they did, and publish again",
+        412: f"{repo_id} got another commit meanwhile, and nothing was changed: look at that "
+        "commit, and publish again",
     }

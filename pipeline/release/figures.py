@@ -59,7 +59,7 @@ def labyrinths(splits: Splits) -> Sheet:
 
 
 def visits(splits: Splits) -> Sheet:
-    """Return a heat map for each split: in which cells its rows have the agent."""
+    """Return a heat map for each split: the share of its rows with the agent in each cell."""
     columns, gap, heading = 2, 48, 70
     size = (WIDTH - 2 * MARGIN - (columns - 1) * gap) // columns
     rows = -(-len(splits) // columns)

@@ -29,10 +29,10 @@ def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
 
     Args:
         kind: The kind of the repository.
-        folder: A folder of datasets; or one that holds nothing but the files of the release.
+        folder: A folder of datasets; or one that holds only the files of the release.
 
     Raises:
-        DatasetError: An analysis is damaged, or SHA256SUMS is another program's.
+        DatasetError: An analysis is damaged, or another program wrote SHA256SUMS.
     """
     if kind is DATASET:
         names = _published(Sums.read(folder), front_matter.finished(folder))
@@ -61,7 +61,7 @@ def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
 
 
 def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
-    """Yield what lies in a folder beside the files of a release, except hidden files."""
+    """Yield the paths in a folder that are not part of a release, except hidden files."""
     folders = {name.partition("/")[0] for name in published if "/" in name}
     for path in sorted(data_dir.glob("[!.]*")):
         if path.name in folders:
@@ -72,8 +72,8 @@ def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:
 
 
 def write_hashes(own: Sums, manifests: Sequence[Manifest]) -> None:
-    """Write SHA256SUMS, after all other files, of which `own` are those of the card."""
-    # Those of the shards have just been checked.
+    """Write SHA256SUMS, after all other files; `own` holds the hashes of the card's files."""
+    # The hashes of the shards have just been checked.
     known = {
         f"{manifest.config.name}/{shard.path}": shard.sha256
         for manifest in manifests

@@ -1,4 +1,4 @@
-"""The limits and biases of datasets, as points for a card."""
+"""The limits and biases of datasets, as bullet points of a card."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pipeline.release.texts import paragraph
 
 
 def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
-    """Return the points on the configs of a folder, in Markdown."""
+    """Return the limits of the configs of a folder, each in Markdown."""
     configs = [dataset.manifest.config for dataset in datasets]
     samplers = sorted({config.sampler for config in configs})
     others = ", ".join(f"`{sampler}`" for sampler in samplers if sampler != "wilson")
@@ -48,7 +48,7 @@ def names_of_varied(datasets: Sequence[DatasetStatistics]) -> str:
 
 
 def _counted(datasets: Sequence[DatasetStatistics]) -> str:
-    """Return how many labyrinths of test are a wall away from train, where that was analysed."""
+    """Return how many labyrinths of test are a wall away from train; empty if not analysed."""
     near = "; ".join(
         f"`{dataset.name}` {pair['within']['1']:,} of {dataset.analysis['labyrinths']['test']:,}"
         for dataset in datasets

@@ -1,4 +1,4 @@
-"""The policy of a run as the repository of a model: weights, what they are of, card."""
+"""The policy of a run as a model repository on the Hub: weights, config.json and card."""
 
 from __future__ import annotations
 
@@ -43,25 +43,25 @@ from pipeline.release.texts import citation, fill, paragraph
 
 @dataclass(frozen=True)
 class Trained:
-    """A policy that is published, and what is known of it."""
+    """A policy to publish, with its runs, results and dataset."""
 
     run: Run
-    """The run that publishes it, which names it, its version and its dataset."""
+    """The run that publishes the policy, with its name on the Hub, its version and its dataset."""
     made: TrainedRun
-    """The run that made it, as its results describe it."""
+    """The run that trained the policy, as the results describe it."""
     spec: PolicySpec
     weights: int
-    """The number of its weights."""
+    """The number of weights."""
     results: Results
-    """What it achieves on the dataset."""
+    """The results of the policy on the dataset."""
     commit: str
     """The commit of the dataset on the Hub."""
     manifest: Manifest
-    """The manifest of that dataset."""
+    """The manifest of the dataset at that commit."""
 
     @property
     def revision(self) -> str:
-        """The revision of the dataset, as it was named."""
+        """The revision of the dataset as the user named it, else its commit."""
         return self.run.dataset_on_hub[1] or self.commit
 
 
@@ -70,12 +70,12 @@ def published_dataset(run: Run, api: HfApi | None) -> tuple[str, Manifest]:
 
     Args:
         run: The run.
-        api: The Hub; None for a dry run that cannot look at it: the dataset of `data_dir` then
-            stands for the one on the Hub, with a commit of zeros.
+        api: The Hub's client; None in a dry run that cannot reach the Hub: the dataset of
+            `data_dir` then replaces the one on the Hub, with a commit of zeros.
 
     Raises:
         PublishError: The Hub has no such revision, or refuses.
-        DatasetError: There is no dataset in `data_dir` to stand for it.
+        DatasetError: `data_dir` has no dataset to replace it.
     """
     if api is None:
         return 40 * "0", Manifest.read(run.folder)
@@ -90,17 +90,17 @@ def published_dataset(run: Run, api: HfApi | None) -> tuple[str, Manifest]:
 
 
 def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
-    """Write all that the repository of the policy of a run is to hold.
+    """Write all files of the model repository of a run's policy.
 
     Args:
         run: The run that trained and evaluated it.
-        folder: Where to write it.
+        folder: The folder to write them in.
         commit: The commit of the dataset on the Hub.
         manifest: The manifest of that dataset.
 
     Raises:
-        DatasetError: There is no policy that was evaluated, or it does not load.
-        PublishError: The dataset on the Hub is not the one that it was trained on.
+        DatasetError: The run has no evaluated policy, or the policy does not load.
+        PublishError: The policy was trained on another dataset than the one on the Hub.
     """
     source = run.training_folder
     results, made = _results(run, _known(run, commit, manifest))
@@ -113,16 +113,16 @@ def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> Non
 
 
 def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
-    """Return the results in the folder of a run, and what they say of the run."""
+    """Return the results in the folder of a run, and their description of the run."""
     folder = run.training_folder
-    path, anew = folder / RESULTS, "stages=evaluate makes it anew"
+    path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
-        raise DatasetError(f"{folder} holds no policy that was evaluated: {made}")
+        raise DatasetError(f"{folder} holds no evaluated policy: {made}")
     results = Results.load(path, lambda _: known)
     made_by, named = results.run, (run.dataset.name, run.run_name.name, results.fingerprint)
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
-        raise DatasetError(f"{path} is not of this run: {anew}")
+        raise DatasetError(f"{path} belongs to another run: {anew}")
     if known.fingerprint != made_by.fingerprint:
         raise PublishError(
             f"{folder} was trained on another dataset than {run.dataset_on_hub[0]}: their "
@@ -135,12 +135,12 @@ def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
         raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
     training = {name: record[name] for name in made_by.training}
     if (training, record["run"]["settings"]) != (made_by.training, made_by.settings):
-        raise DatasetError(f"{path} tells another training than {RECORD}: {anew}")
+        raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
     return results, made_by
 
 
 def _known(run: Run, commit: str, manifest: Manifest) -> KnownDataset:
-    """Return the dataset with which results are compared: the one in data_dir, or on the Hub."""
+    """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
     config = run.dataset.name
     if (run.folder / MANIFEST).is_file() and Manifest.read(run.folder) == manifest:
         return KnownDataset(str(run.data_dir), config, None, manifest)
@@ -154,14 +154,14 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
         raise DatasetError(f"{source / POLICY} is not there: stages=train makes it") from error
     if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
         raise DatasetError(
-            f"{source / RESULTS} is of other weights than {POLICY}: stages=evaluate makes it anew"
+            f"{source / RESULTS} is for other weights than {POLICY}: stages=evaluate makes it again"
         )
 
 
 def _front_matter(trained: Trained) -> dict[str, Any]:
     """Return the values at the head of the card, with SPL and SR of each split as `model-index`.
 
-    A split of which the policy was shown a part alone, as with `train_labyrinths`, is not in it.
+    A split that was evaluated only in part, as with `train_labyrinths`, is left out.
     """
     dataset, _ = trained.run.dataset_on_hub
     config = trained.manifest.config.name
@@ -292,7 +292,7 @@ def _table_of_results(trained: Trained) -> str:
 
 
 def _limits(trained: Trained) -> list[str]:
-    """Return the points on what the results do not say."""
+    """Return the limits of the results, a paragraph each."""
     spec = trained.spec
     names = ["one_seed", "chosen"]
     names += ["plans_once" if isinstance(spec.own, MapperSpec) else "no_memory"]

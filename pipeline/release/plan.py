@@ -1,4 +1,4 @@
-"""The plan of a release: which files on the Hub it would change, by their hashes.
+"""The plan of a release: which files on the Hub it changes, found by comparing hashes.
 
 Repositories are of five kinds: datasets, exports in two formats, models (policies), environments.
 """
@@ -19,21 +19,21 @@ from pipeline.config.export import CODEBASE_VERSION
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of repository, and the files that a release has in it."""
+    """A kind of repository, and which files a release has in it."""
 
     name: str
-    """Its name, which is that of the library for an export."""
+    """The name of the kind; for an export, the name of the library."""
     repo_type: Literal["dataset", "model"]
-    """As the Hub calls it."""
+    """The Hub's type of the repository."""
     data: str
-    """The paths of what is published, not of what describes it, as a regular expression."""
+    """A regular expression for the paths of data, not of the files that describe it."""
     listed: str
-    """The paths that every SHA256SUMS of a release names, likewise."""
+    """A regular expression that some path in every release's SHA256SUMS matches."""
     newest_tag: str | None = None
-    """The tag, beside that of each version, that follows the newest release on `main`."""
+    """A tag, beside the one of each version, that moves to the newest release on `main`."""
 
     def is_data(self, path: str) -> bool:
-        """Return whether a file is part of a release, and not of its card."""
+        """Return whether a path is data, and not part of the card."""
         return re.fullmatch(self.data, path, re.ASCII) is not None
 
 
@@ -67,21 +67,21 @@ class Plan:
     keep: list[str]
     delete: list[str]
     others: list[str] = field(default_factory=list)
-    """Paths of `add` at which the Hub holds a file that is not of a release."""
+    """Paths in `add` where the Hub holds a file that no release wrote."""
 
     @property
     def bytes(self) -> int:
-        """The number of bytes to be sent."""
+        """The number of bytes to send."""
         return sum(self.files[path].stat().st_size for path in self.add)
 
     @property
     def is_done(self) -> bool:
-        """Whether nothing differs."""
+        """Whether the Hub holds exactly these files already."""
         return not self.add and not self.delete
 
     @property
     def data(self) -> list[str]:
-        """The paths that differ and are more than the card."""
+        """The paths to add or delete that are data."""
         return [path for path in [*self.add, *self.delete] if self.kind.is_data(path)]
 
 
@@ -95,10 +95,10 @@ def make_plan(
 
     Args:
         kind: The kind of the repository.
-        files: By their path on the Hub.
-        remote: What it holds now, as from `Remote.tree`.
-        released: Returns which files of a part of it an earlier release has left there; others
-            are neither replaced nor deleted.
+        files: The local files by their path on the Hub.
+        remote: The files on the Hub now, as from `Remote.tree`.
+        released: Returns which of some of these an earlier release wrote; others are neither
+            replaced nor deleted.
     """
     keep = [path for path, local in files.items() if path in remote and _same(local, remote[path])]
     add = [path for path in files if path not in keep]
@@ -115,5 +115,5 @@ def make_plan(
 
 
 def _same(local: Path, digest: str) -> bool:
-    """Return whether a file has the SHA-256, of 64 digits, or the name that git gives a blob."""
+    """Return whether a file has this SHA-256 (64 digits) or this hash of a Git blob."""
     return digest == (file_sha256(local) if len(digest) == 64 else git_hash(local.read_bytes()))

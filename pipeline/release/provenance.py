@@ -1,4 +1,4 @@
-"""Where a dataset comes from: its command, the code that made it, and the name it goes by."""
+"""Where a dataset comes from: its command, the code that made it, and its name on the Hub."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Release:
 
     @property
     def url(self) -> str:
-        """The page of the dataset: on the Hub, or the file beside it where it is not there yet."""
+        """The page of the dataset on the Hub; README.md if it is not there yet."""
         if self.repo_id is None:
             return "README.md"
         return f"https://huggingface.co/datasets/{self.repo_id}"
@@ -71,10 +71,10 @@ def command_lines(config: DatasetConfig) -> str:
 
 
 def code() -> str:
-    """Return which code this is: version and, in a clone of the repository, the commit."""
+    """Return the version of this code and, in a clone of the repository, the commit."""
     version = f"labyrinth-datasets {__version__}"
     root = Path(__file__).parents[2]
-    # An installation may lie in the repository of somebody else's project.
+    # An installation may lie in the repository of another project.
     if not (root / ".git").exists():
         return version
     command = ["git", "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"]

@@ -1,11 +1,9 @@
-"""The stage `publish`: a dataset, its export, its environment and a policy.
+"""The stage `publish`: releases a dataset, its export, its environment and a policy on the Hub.
 
-Each is in a repository of its own.
-
-Each release is one atomic commit, verified, then tagged: plan, upload of the contents, one commit
-on a checked parent, verification by commit from an empty cache, the tag last. `main` holds the old
-release or the new one, whole, at every moment. Running the stage again completes what an
-interruption left, or says that the release is done.
+Each has its own repository. A release is one atomic commit: plan, upload of the contents, one
+commit on a checked parent, verification of the commit from an empty cache, and last the tag. At
+every moment `main` holds either the old release or the new one, complete. Running the stage again
+completes an interrupted release, or prints that the release is done.
 """
 
 from __future__ import annotations
@@ -42,17 +40,17 @@ from pipeline.release.verify import verified
 
 
 def run(run: Run) -> None:
-    """Publish what the options of a run name.
+    """Publish everything that the options of a run name.
 
     Raises:
-        PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
-        DatasetError: The folder has no finished dataset, export or run, or a damaged one.
-        ConfigError: The dataset has no split that is to be exported.
+        PublishError: The Hub refuses, or does not hold afterwards what was sent.
+        DatasetError: The dataset, the export or the run is missing, unfinished or damaged.
+        ConfigError: The dataset lacks a split whose export is to be published.
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
     limit_silence()
-    disable_progress_bars()  # One of theirs for each file, instead of ours for all.
+    disable_progress_bars()  # The client has one per file; we show one for all.
     options, api = run.options.publish, HfApi()
     unseen = options.dry_run and _is_unseen(api, options)
     remote_of, hub = (UnseenRemote, None) if unseen else (Remote, api)
@@ -61,7 +59,7 @@ def run(run: Run) -> None:
             _dataset(run, remote_of(api, id_, DATASET))
 
     def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
-        """Release the files that a function writes into a folder, and say how to load them."""
+        """Release the files that `stage` writes into a folder, and print how to load them."""
         with explained(repo_id), tempfile.TemporaryDirectory(prefix="labyrinth-release-") as place:
             folder = Path(place)
             stage(folder)
@@ -82,20 +80,20 @@ def run(run: Run) -> None:
 
 
 def _is_unseen(api: HfApi, options: PublishOptions) -> bool:
-    """Return whether the Hub cannot be looked at, and say so."""
+    """Return whether the Hub cannot be queried, and print why."""
     given = options.repo_id or options.export or options.env or options.model
     with explained(given):
         reason = why_unseen(api, given)
     if reason:
         say(
-            f"could not look at the Hub ({reason}): this is what a new repository would get; "
-            "scripts/local_hub starts a Hub on this machine, to rehearse on."
+            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
+            "scripts/local_hub starts a Hub on this machine, for rehearsals."
         )
     return bool(reason)
 
 
 def _dataset(run: Run, remote: Remote) -> None:
-    """Release all finished datasets of a folder with their card, and say how to load them."""
+    """Release all finished datasets of a folder with their card, and print how to load them."""
     manifests = front_matter.finished(run.local_dir)
     if not manifests:
         reason = "holds no finished dataset: labyrinth-datasets makes one"
@@ -108,11 +106,11 @@ def _dataset(run: Run, remote: Remote) -> None:
 
 @contextmanager
 def _carded(run: Run, remote: Remote) -> Iterator[Path]:
-    """Yield the folder with the card of the release; for a dry run, another that looks like it."""
+    """Yield the folder with the card of the release; for a dry run, a temporary copy of it."""
     options = run.options.publish
 
     def create() -> None:
-        """Create the repository before the card is written, since the token may not create it."""
+        """Create the repository before the card is written, as the token may not be allowed to."""
         if not options.dry_run and not remote.exists():
             remote.create(private=options.private)
 
@@ -126,7 +124,7 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        # Shards are only read; what is written there would go through a link.
+        # Shards are linked, as they are only read; writing to a link would change its target.
         shutil.copytree(
             run.local_dir.resolve(),
             folder,
@@ -146,16 +144,16 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
 def _release(
     remote: Remote, options: PublishOptions, folder: Path, staged: AbstractContextManager[Path]
 ) -> bool:
-    """Return whether files are released now, and tagged.
+    """Release files, and return whether they are released and tagged now.
 
     Args:
-        remote: Where they are released.
-        options: How they are released.
+        remote: The repository.
+        options: The options of the release.
         folder: The folder with the files as they are, which may be published already.
-        staged: Gives the folder with the files of this release, if they are not.
+        staged: Yields the folder with the files of this release; used unless they are published.
     """
     exists = remote.exists()
-    # Before the card is written, which would describe this version as something else.
+    # Before the card is written, which could describe a version that is already taken.
     done = exists and _is_published(folder, remote, options)
     if not done:
         with staged as ready:
@@ -167,7 +165,7 @@ def _release(
 
 
 def _follow(remote: Remote, version: str) -> None:
-    """Let the tag by which a library reads the newest release point to it, if there is one."""
+    """Move the tag from which a library reads the newest release, if the kind has such a tag."""
     if tag := remote.kind.newest_tag:
         versions = remote.versions()
         if version == max(versions, key=number):
@@ -176,10 +174,10 @@ def _follow(remote: Remote, version: str) -> None:
 
 
 def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
-    """Return whether these files are tagged already.
+    """Return whether these files are already tagged with the version.
 
     Raises:
-        PublishError: The tag is on others, or `main` would go back to an earlier version.
+        PublishError: The tag has other data, or a later version is released already.
     """
     versions = remote.versions()
     tagged = versions.get(options.version)
@@ -187,8 +185,8 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
         newest = max([options.version, *versions], key=number)
         if newest != options.version:
             raise PublishError(
-                f"publish.version={options.version}: {remote.repo_id} has {newest}, and main does "
-                "not go back: choose a later version"
+                f"publish.version={options.version}: {remote.repo_id} has {newest} already: "
+                "choose a later version"
             )
         return False
     plan = _plan(remote, files_of(remote.kind, folder), tagged)
@@ -197,16 +195,16 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
             f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
             f"({plan.data[0]}): choose another publish.version"
         )
-    card = "" if plan.is_done else ", with a card that was written otherwise"
+    card = "" if plan.is_done else ", with a different card"
     say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
 
 
 def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
-    """Return whether the folder is released now, and tagged; not so after a dry run.
+    """Commit, verify and tag a folder, and return True; in a dry run, print and return False.
 
     Raises:
-        PublishError: The Hub refuses, or what it holds afterwards is not what was sent.
+        PublishError: The Hub refuses, or does not hold afterwards what was sent.
     """
     if not exists and not options.dry_run:
         remote.create(private=options.private)
@@ -215,10 +213,10 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     plan = _plan(remote, files, head)
     if plan.others and not remote.is_new(head):
         raise PublishError(
-            f"{remote.repo_id} holds {', '.join(plan.others[:3])}, made or changed by somebody "
-            "else, so not written over: rename or delete it there, or choose another id"
+            f"{remote.repo_id} holds files that no release wrote, or that were changed since "
+            f"({', '.join(plan.others[:3])}): rename or delete them there, or choose another id"
         )
-    # The folders of the other kinds are made of what is published.
+    # The folders of the other kinds hold only files to publish.
     if remote.kind is DATASET and (others := list(left_out(folder, list(files)))):
         say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
@@ -233,7 +231,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
 
 
 def _plan(remote: Remote, files: Mapping[str, Path], commit: str) -> Plan:
-    """Return what to change in a commit, empty where there is none, so that it has these files."""
+    """Return the changes that give a commit these files; `commit` is empty if none exists."""
     tree = remote.tree(commit) if commit else {}
     return make_plan(remote.kind, files, tree, partial(remote.released, commit))
 
@@ -246,15 +244,15 @@ def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: boo
     new = "" if exists else f" (to be created, {'private' if options.private else 'public'})"
     say(
         f"{remote.repo_id}{new}: {len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), "
-        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; the tag {options.version} is to "
-        "be made."
+        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; new tag: "
+        f"{options.version}."
     )
 
 
 def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
-    """Upload what is missing, commit everything at once, and return the commit.
+    """Upload missing contents, commit all changes at once, and return the commit.
 
-    A commit whose answer was lost is told from one that was refused by reading the branch again.
+    After an error, reading the branch tells a commit whose answer was lost from a refused one.
     """
 
     def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
@@ -262,7 +260,7 @@ def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
         remote.api.preupload_lfs_files(remote.repo_id, [addition], repo_type=remote.kind.repo_type)
         return plan.files[path].stat().st_size, addition
 
-    # One by one, so that a run that was stopped does not send a file again.
+    # One by one, so that a run after an interruption does not send a file again.
     additions = list(tracked(map(uploaded, plan.add), "upload", total=plan.bytes))
     deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 

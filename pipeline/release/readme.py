@@ -25,7 +25,7 @@ BANNER = f"{PICTURES}/labyrinth.png"
 
 
 def picture_path(config: str, figure: str) -> str:
-    """Return where a picture of a config lies in the dataset's folder."""
+    """Return the path of a config's picture in the dataset's folder."""
     return f"{PICTURES}/{config}-{figure}.png"
 
 
@@ -34,8 +34,8 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
 
     Args:
         datasets: The statistics of each config, the smallest first.
-        default: The name of the config that is loaded when none is named.
-        release: What is known of the release.
+        default: The name of the default config.
+        release: The release.
     """
     names = ", ".join(f"`{dataset.name}`" for dataset in datasets)
     shown = next(dataset for dataset in datasets if dataset.name == default)
@@ -139,7 +139,7 @@ def _making(datasets: Sequence[DatasetStatistics]) -> str:
 
 
 def _pairs(datasets: Sequence[DatasetStatistics]) -> str:
-    """Return the table of what splits share, as replaying every file found it."""
+    """Return the table of structures that splits share, counted from every file."""
     rows = (
         (
             f"`{dataset.name}`",
@@ -156,7 +156,7 @@ def _pairs(datasets: Sequence[DatasetStatistics]) -> str:
 
 
 def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
-    """Return the paragraphs on how near the splits are, empty if that was not analysed."""
+    """Return the paragraphs on how near the splits are, empty if no dataset was analysed."""
     rows = [
         (
             f"`{dataset.name}`",
@@ -180,7 +180,7 @@ def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
 
 
 def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
-    """Return the numbers and pictures of each config, those but of the default folded away."""
+    """Return the numbers and pictures of each config, collapsed except for the default."""
     parts = []
     for dataset in sorted(datasets, key=lambda dataset: dataset.name != default):
         section = f"{_numbers(dataset)}\n\n{_pictures(dataset)}"

@@ -18,14 +18,14 @@ from pipeline.release.faults import FAULTS, NO_TOKEN, PublishError, repeated, st
 from pipeline.release.plan import Kind
 
 REFUSED = (401, 403)
-"""What the Hub answers if a token may not make a repository; the first to one for another alone."""
+"""The HTTP statuses if a token may not create a repository; 401 if it is for another one only."""
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
-"""What a tag of a release looks like."""
+"""The form of a release's tag."""
 
 
 def number(version: str) -> list[int]:
-    """Return the numbers of a version, by which versions are compared."""
+    """Return the numbers of a version, the key to sort versions by."""
     return [*map(int, version.split("."))]
 
 
@@ -38,12 +38,12 @@ class Remote:
     kind: Kind
 
     def _call(self, method: str, **options: Any) -> Any:
-        """Return what a method of the client, which may be called twice, says of the repository."""
+        """Return the result of an idempotent method of the client for the repository."""
         call = getattr(self.api, method)
         return repeated(lambda: call(self.repo_id, repo_type=self.kind.repo_type, **options))
 
     def exists(self) -> bool:
-        """Return whether the repository is there.
+        """Return whether the repository exists.
 
         Raises:
             PublishError: There is no token.
@@ -60,10 +60,10 @@ class Remote:
         return there
 
     def create(self, *, private: bool) -> None:
-        """Make the repository.
+        """Create the repository.
 
         Raises:
-            PublishError: The token may not.
+            PublishError: The token may not create it.
         """
         try:
             self._call("create_repo", private=private, exist_ok=True)
@@ -72,15 +72,15 @@ class Remote:
                 raise
             raise PublishError(
                 f"{self.repo_id} does not exist, or this token may not see it, and the token may "
-                "not make it: use another token, or make it on the Hub, empty, then publish again"
+                "not create it: use another token, or create it empty on the Hub, and publish again"
             ) from error
 
     def commit(self, revision: str) -> str:
-        """Return the commit that a branch, a tag or a commit means."""
+        """Return the commit hash that a branch, a tag or a commit refers to."""
         return str(self._call("repo_info", revision=revision).sha)
 
     def tree(self, commit: str) -> dict[str, str]:
-        """Return path -> SHA-256 of each large file of a commit, git's hash of each other."""
+        """Return path -> hash for the files of a commit: SHA-256 if large, else Git's blob hash."""
         entries = self.api.list_repo_tree(
             self.repo_id, repo_type=self.kind.repo_type, revision=commit, recursive=True
         )
@@ -91,7 +91,7 @@ class Remote:
         }
 
     def released(self, commit: str, files: Mapping[str, str]) -> set[str]:
-        """Return which files of a commit are as a release has left them, by its SHA256SUMS.
+        """Return the files of a commit that a release wrote, unchanged since by its SHA256SUMS.
 
         Args:
             commit: The commit.
@@ -99,19 +99,19 @@ class Remote:
         """
         try:
             own = Sums.read(self.download(HASHES, commit).parent)
-        except (EntryNotFoundError, DatasetError):  # There is none, or somebody else's.
+        except (EntryNotFoundError, DatasetError):  # It is missing or not ours.
             return set()
         listed = {name for name, _ in own.hashes}
         if not any(re.fullmatch(self.kind.listed, name) for name in listed):
             return set()  # It is of a repository of another kind.
         for path in files:
-            if path in listed and len(files[path]) != 64:  # Git has another hash of it.
+            if path in listed and len(files[path]) != 64:  # Its hash is Git's.
                 self.download(path, commit)
         found = {path for path in files if (path, files[path]) in own.hashes or own.has(path)}
         return found | ({HASHES} & files.keys())
 
     def is_new(self, commit: str) -> bool:
-        """Return whether a commit holds nothing but what the Hub puts into a new repository."""
+        """Return whether a commit holds only what the Hub puts into a new repository."""
         commits = self._call("list_repo_commits", revision=commit)
         return [each.title for each in commits] == ["initial commit"]
 
@@ -129,16 +129,16 @@ class Remote:
         return Path(self._call("hf_hub_download", filename=path, revision=commit))
 
     def tag(self, tag: str, commit: str) -> None:
-        """Let a tag point to a commit.
+        """Create a tag at a commit, unless it is there already.
 
         Raises:
-            PublishError: It points to another.
+            PublishError: The tag points to another commit.
         """
         if tag not in self.tags():
             try:
                 self._call("create_tag", tag=tag, revision=commit)
             except HfHubHTTPError as error:
-                # It is there: by a call whose answer was lost, or by somebody else's.
+                # It exists: our first answer was lost, or another user created it.
                 if status_of(error) != 409:
                     raise
         tagged = self.tags().get(tag)
@@ -149,18 +149,18 @@ class Remote:
             )
 
     def move_tag(self, tag: str, commit: str) -> None:
-        """Let a tag that follows the newest release point to a commit.
+        """Move the tag of the newest release to a commit.
 
-        The Hub moves no tag: for a moment there is none, as after LeRobot's own `push_to_hub`.
+        The Hub cannot move a tag: for a moment it is missing, as in LeRobot's own `push_to_hub`.
         """
         if self.tags().get(tag, commit) != commit:
-            with suppress(RevisionNotFoundError):  # Gone, by a call whose answer was lost.
+            with suppress(RevisionNotFoundError):  # Deleted by a call whose answer was lost.
                 self._call("delete_tag", tag=tag)
         self.tag(tag, commit)
 
 
 class UnseenRemote(Remote):
-    """A repository that a dry run cannot look at, and takes for one that does not exist yet."""
+    """A repository that a dry run cannot query, and treats as not existing yet."""
 
     def exists(self) -> bool:
         """Return False."""
@@ -168,11 +168,11 @@ class UnseenRemote(Remote):
 
 
 def why_unseen(api: HfApi, repo_id: str) -> str:
-    """Return why a dry run cannot look at the Hub, such as for want of a token; empty if it can.
+    """Return why a dry run cannot query the Hub, such as a missing token; empty if it can.
 
     Args:
-        api: The Hub.
-        repo_id: A repository that it may hold.
+        api: The Hub's client.
+        repo_id: A repository to ask for.
     """
     if not get_token():
         return "there is no token"

@@ -27,7 +27,7 @@ def citation_file(release: Release) -> str:
     """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
     fields = {"version": release.version or "", "url": release.url, "software": __version__}
     values = yaml.safe_load(fill("CITATION.cff", developers=DEVELOPERS, **fields))
-    if release.licence != LICENCE:  # Of another only the Hub's name is known, not that of SPDX.
+    if release.licence != LICENCE:  # Its SPDX name is unknown, only the Hub's.
         del values["license"], values["license-url"]
     if not release.repo_id:
         del values["url"]
@@ -35,10 +35,10 @@ def citation_file(release: Release) -> str:
 
 
 def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
-    """Return the eval.yaml of a folder of datasets, None if none of them has questions.
+    """Return the eval.yaml of a folder of datasets, or None if no dataset has questions.
 
-    The form is that of https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
-    inspect-ai runs a task for each split of which there are questions, and for their pictures.
+    The form is from https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
+    inspect-ai runs one task per split with questions as text, and one with pictures.
 
     Args:
         manifests: The manifests of all configs.
@@ -67,7 +67,7 @@ def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
 def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
     """Return the changelog with an entry for the datasets of a folder.
 
-    The entry "Unreleased" changes with the data, and becomes that of a version when there is one.
+    The entry "Unreleased" changes with the data, and becomes the entry of the next version.
 
     Args:
         text: The changelog so far; empty if there is no file.

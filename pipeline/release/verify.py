@@ -1,7 +1,7 @@
-"""The verification of a release: downloaded again by its commit, with an empty cache.
+"""The verification of a release: downloads its commit again, with an empty cache.
 
-The clients of the Hub fall back silently on what they have cached, so that the verification runs
-in a process of its own, whose cache is the only one it sees:
+The clients of the Hub silently fall back on cached files, so the verification runs in its own
+process with its own cache:
 `python -m pipeline.release.verify REPO COMMIT FOLDER KIND`.
 """
 
@@ -40,24 +40,24 @@ CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)"
 """The names of environment variables that move the caches of the Hub's clients."""
 
 PATIENCE = 180.0
-"""Seconds after which a verification ends that gets no byte and names no other file or split.
+"""Seconds without a new byte, file or split after which a verification fails.
 
-The clients repeat for many minutes what fails, such as calls without an answer.
+The clients themselves retry failing calls, such as those without an answer, for many minutes.
 """
 REFRESH = 0.5
-"""Seconds between two looks at what has come."""
+"""Seconds between two updates of the progress bar."""
 
 ROWS_COMPARED = 500
-"""The most rows compared of a split; shards have as many in a row group."""
+"""The maximum number of rows compared per split, about two row groups of a shard."""
 
 
 def verified(
     repo_id: str, commit: str, folder: Path, kind: Kind, patience: float = PATIENCE
 ) -> str:
-    """Verify a release in a process with an empty cache, and return a line that says so.
+    """Verify a release in a process with an empty cache, and return the line to print.
 
     Raises:
-        PublishError: The Hub gives anything else than was published, or gives nothing.
+        PublishError: The Hub returns something else than was published, or nothing.
     """
     say(f"verifying {commit[:12]} from an empty cache ...")
     failed = f"the verification of {commit[:12]} failed, so it is not tagged"
@@ -84,17 +84,17 @@ def verified(
                 process.kill()
         said = _last_line(output)
     if process.returncode:
-        raise PublishError(f"{failed}: {said or f'it ended with {process.returncode}'}")
+        raise PublishError(f"{failed}: {said or f'exit status {process.returncode}'}")
     return said
 
 
 def _watch(
     process: subprocess.Popen[bytes], output: Path, home: Path, total: int, patience: float
 ) -> None:
-    """Show how many bytes have come and what is awaited, until a verification ends.
+    """Show the bytes downloaded and the current file or split until a verification ends.
 
     Raises:
-        TimeoutError: Nothing has changed for as long as the patience lasts.
+        TimeoutError: Nothing has changed for `patience` seconds.
     """
     seen, since = (-1, ""), time.monotonic()
     with progress() as bars:
@@ -119,7 +119,7 @@ def _last_line(output: Path) -> str:
 
 def _bytes_in(folder: Path) -> int:
     size = 0
-    for place, _, names in os.walk(folder):  # Which passes over a folder that has gone meanwhile.
+    for place, _, names in os.walk(folder):  # It skips a folder that was deleted meanwhile.
         for name in names:
             with suppress(FileNotFoundError):
                 size += Path(place, name).lstat().st_size
@@ -130,14 +130,14 @@ def _environment(home: Path) -> dict[str, str]:
     """Return the environment of a process whose caches are empty."""
     kept = {name: value for name, value in os.environ.items() if not CACHES.fullmatch(name)}
     own = {"HF_HOME": str(home), "HF_TOKEN": get_token() or "", "HF_UPDATE_DOWNLOAD_COUNTS": "0"}
-    return kept | own | {"USE_TORCH": "0"}  # `datasets` would import it for nothing.
+    return kept | own | {"USE_TORCH": "0"}  # Or `datasets` would import torch.
 
 
 def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
     """Compare a commit with a folder, file by file, and load it; return what was verified.
 
     Raises:
-        DatasetError: The Hub gives anything else than was published, or does not give it.
+        DatasetError: The Hub returns something else than was published, or nothing.
     """
     files = files_of(kind, folder)
     try:
@@ -178,7 +178,7 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
 
 
 def _tell(what: str) -> None:
-    """Tell the process that watches what is asked for now."""
+    """Print a line, which `_watch` in the parent process shows."""
     print(what, flush=True)  # noqa: T201
 
 
@@ -188,11 +188,11 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
     Args:
         source: The dataset on the Hub, or a folder.
         commit: The commit of a dataset on the Hub.
-        manifest: The manifest of the config, as it was published.
-        folder: The folder of datasets that was published.
+        manifest: The published manifest of the config.
+        folder: The published folder of datasets.
 
     Raises:
-        DatasetError: What loads is not what was published.
+        DatasetError: The loaded splits or rows differ from the published ones.
     """
     from datasets import Image, load_dataset
 
@@ -208,7 +208,7 @@ def check_config(source: str, commit: str | None, manifest: Manifest, folder: Pa
             splits = load_dataset(source, name, revision=commit, streaming=bool(mode))
             if splits.keys() != expected.keys():
                 names = f"{', '.join(splits)} instead of {', '.join(expected)}"
-                raise DatasetError(f"{name}{mode}: there are the splits {names}")
+                raise DatasetError(f"{name}{mode}: the splits are {names}")
             for split, first in expected.items():
                 what, loaded = f"{name} {split}{mode}", splits[split]
                 _tell(what)
@@ -230,7 +230,7 @@ def _first_rows(folder: Path, pattern: str) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Verify what the command line names, and end with 0 if all is well, else 1."""
+    """Verify the release that the command line names, and exit with 0 on success, else 1."""
     repo_id, commit, folder, kind = sys.argv[1:]
     end_with_parent(os.getppid())
     limit_silence()
@@ -240,8 +240,8 @@ def main() -> None:
     except DatasetError as error:
         _tell(str(error))
         status = 1
-    # At once: pyarrow's threads may abort an interpreter that ends after streaming
-    # (https://github.com/apache/arrow/issues/45214), as if the verification had failed.
+    # Exit at once: pyarrow's threads may abort the interpreter when it ends after streaming
+    # (https://github.com/apache/arrow/issues/45214), which would look like a failure.
     os._exit(status)
 
 

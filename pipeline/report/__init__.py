@@ -1,1 +1,1 @@
-"""The report: a dataset as one HTML file."""
+"""The report on a folder of datasets, as one HTML file."""

@@ -1,4 +1,4 @@
-"""The evaluated policies that the report shows, read from the files that `evaluate` has left."""
+"""The results of policies that the report shows, from evaluated runs and from submissions."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from pipeline.config.training import SUBMISSIONS
 from pipeline.machinery.console import say
 
 MOST_FAILED = 2_000
-"""The most labyrinths of a split that are named because a run failed on them."""
+"""The maximum number of labyrinths listed per split on which a run failed."""
 
 SCORES = (
     "labyrinths",
@@ -35,7 +35,7 @@ SCORES = (
     "accuracy_elsewhere",
     "failures",
 )
-"""The scores of a run on a split that are shown."""
+"""The scores shown for a run on a split."""
 
 
 def read_results(
@@ -44,20 +44,20 @@ def read_results(
     manifests: Sequence[Manifest],
     results_dir: Path | None = None,
 ) -> list[dict[str, Any]]:
-    """Return the data of the page on the methods evaluated on datasets, each with its runs.
+    """Return the page's data on the methods evaluated on the datasets, each with its runs.
 
-    A method is all that the name of a run says but its seed, such as `bc-resnet18`. Policies that
-    no run made come after those, each as a method with one run; they may lack splits.
+    A method is the name of a run without its seed, such as `bc-resnet18`. Policies that no run
+    trained come after those, each as a method with one run; they may lack splits.
 
     Args:
         run_dir: The folder of the runs; it need not exist.
         data_dir: The folder of the datasets.
         manifests: The manifests of the datasets; results on others are left out.
-        results_dir: The folder with the results that were submitted, if any. Of those, a file that
-            is refused is named on the terminal and left out.
+        results_dir: The folder with submitted results, if any. An invalid file there is named on
+            the terminal and left out.
 
     Raises:
-        DatasetError: A file in the folder of the runs is refused.
+        DatasetError: A results file in the folder of the runs is invalid.
     """
     of = {
         manifest.config.name: KnownDataset(str(data_dir), manifest.config.name, None, manifest)
@@ -88,7 +88,7 @@ def read_results(
 def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
-    """Yield the results that were submitted, without those that `stages=results` copied there."""
+    """Yield the submitted results, without those that `stages=results` copied there."""
     for path in files_in(results_dir / SUBMISSIONS) if results_dir else ():
         try:
             if path.suffix == ".json" and path.read_bytes() not in others:
@@ -109,7 +109,7 @@ def _seed(results: Results) -> int:
 
 
 def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
-    """Return the data of the page on a method: means over its runs, and each run."""
+    """Return the page's data on a method: means over its runs, and each run."""
     first = runs[0]
     shown = [split for split in EVALUATED_SPLITS if split in first.splits]
     told = [
@@ -151,5 +151,5 @@ def _run(scores: Scores) -> dict[str, Any]:
 
 
 def _named(failed: Sequence[str]) -> dict[str, Any]:
-    """Return the ids of labyrinths that were not solved, up to a limit, and how many there are."""
+    """Return the ids of unsolved labyrinths, at most `MOST_FAILED`, and how many there are."""
     return {"failed": failed[:MOST_FAILED], "unsolved": len(failed)}

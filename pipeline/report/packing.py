@@ -1,7 +1,7 @@
 """The labyrinths and episodes of a split, packed for the report's page.
 
-A labyrinth is a few numbers and two bit sets of passages; an episode is two bits an action. The
-page draws the pictures from that, so they are not stored.
+A labyrinth takes a few numbers and two bit sets of passages, an episode two bits per action. The
+page draws the pictures from these, so none are stored.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from pipeline.inspection.routes import Route, routes_of
 from pipeline.machinery.executor import ordered_map
 
 _NUMBER_BYTES = 4
-"""The bytes that a number counts for; in the page it takes as few as the largest of its column."""
+"""The bytes counted per number; the page uses as few as the largest of the column needs."""
 
 
 @dataclass
@@ -32,21 +32,21 @@ class PackedSplit:
     """Labyrinths with their episodes, in order."""
 
     fixed: dict[str, bytearray] = field(default_factory=lambda: defaultdict(bytearray))
-    """Columns of which each labyrinth has as many bytes."""
+    """Columns with the same number of bytes for each labyrinth."""
     numbers: dict[str, list[int]] = field(default_factory=lambda: defaultdict(list))
-    """Columns of one number a labyrinth; `length`, one an episode."""
+    """Columns with one number per labyrinth; `length` has one per episode."""
     actions: bytearray = field(default_factory=bytearray)
     """The actions of all episodes, one after the other."""
 
     @property
     def size(self) -> int:
-        """The largest number of bytes that it can take in the page."""
+        """The maximum number of bytes that the split takes in the page, before base64."""
         numbers = sum(map(len, self.numbers.values()))
         fixed = sum(map(len, self.fixed.values()))
         return fixed + _NUMBER_BYTES * numbers + len(self.actions) // 4
 
     def add(self, route: Route) -> None:
-        """Add an episode, those of a labyrinth one after the other."""
+        """Add an episode; episodes must be grouped by labyrinth."""
         if route.is_first:
             self._add_labyrinth(route.labyrinth, route.shortest)
         self.numbers["episodes"][-1] += 1
@@ -54,7 +54,7 @@ class PackedSplit:
         self.actions.extend(route.actions)
 
     def extend(self, other: PackedSplit) -> None:
-        """Add the shard that follows."""
+        """Add the next shard."""
         for name, column in other.fixed.items():
             self.fixed[name] += column
         for name, values in other.numbers.items():
@@ -79,7 +79,7 @@ class PackedSplit:
             self.numbers[name].append(number)
 
     def to_json(self, counts: SplitCounts, limit: int) -> dict[str, Any]:
-        """Return the counts of all labyrinths, and as many of the first as take `limit` bytes."""
+        """Return the counts of all labyrinths, and the first ones that fit in `limit` bytes."""
         episodes = np.cumsum(self.numbers["episodes"])
         lengths = np.concatenate([[0], np.cumsum(self.numbers["length"])])
         of_each = sum(map(len, self.fixed.values())) // len(episodes)
@@ -119,18 +119,18 @@ def _base64(data: bytes | bytearray) -> dict[str, str]:
 
 
 def _quarters(actions: bytes | bytearray) -> bytes:
-    """Return actions in two bits each, the first in the lowest of its byte."""
+    """Return actions in two bits each, the first in the lowest bits of its byte."""
     column = np.frombuffer(actions, np.uint8)[:, None]
     bits = np.unpackbits(column, axis=1, count=2, bitorder="little")
     return np.packbits(bits, bitorder="little").tobytes()
 
 
 def pack_routes(routes: Iterable[Route], limit: int) -> PackedSplit:
-    """Return episodes packed, as many labyrinths of them as there is room for.
+    """Return packed episodes of as many labyrinths as fit in about `limit` bytes.
 
     Args:
-        routes: The episodes; those of a labyrinth follow one another.
-        limit: About how many bytes to pack; one labyrinth at least.
+        routes: The episodes, grouped by labyrinth.
+        limit: About how many bytes to pack; at least one labyrinth is packed.
     """
     packed = PackedSplit()
     for route in routes:
@@ -147,10 +147,10 @@ def _pack_shard(folder: AnyPath, limit: int, shard: Shard) -> PackedSplit:
 def pack(
     folder: AnyPath, manifest: Manifest, split: str, limit: int, workers: int = 1
 ) -> PackedSplit:
-    """Return the first labyrinths of a split of a dataset packed, as from `pack_routes`.
+    """Return the first labyrinths of a split of a dataset, packed as by `pack_routes`.
 
     Raises:
-        DatasetError: A shard is missing, damaged, or its rows do not make episodes.
+        DatasetError: A shard is missing or damaged, or its rows do not form episodes.
     """
     packed = PackedSplit()
     for part in ordered_map(partial(_pack_shard, folder, limit), manifest.of(split), workers):

@@ -1,7 +1,7 @@
-"""The report on a folder of datasets: one HTML file to look at, offline.
+"""The report on a folder of datasets: one HTML file that works offline.
 
-The page is assembled from the files in `page/` with the data beside them. It draws every picture
-itself, and makes no request: its content security policy forbids it.
+The page is assembled from the files in `page/` and the data. It draws every picture itself and
+makes no network request, which its content security policy forbids.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ FOLDER = "report"
 PAGE = "index.html"
 
 PACKED_BYTES = 36_000_000
-"""The most bytes of labyrinths and episodes of all datasets; 48 MB of the page, as base64."""
+"""The maximum number of bytes of packed labyrinths and episodes; 48 MB in the page, as base64."""
 
 SCRIPTS = (
     "world",
@@ -44,7 +44,7 @@ SCRIPTS = (
     "figures",
     "main",
 )
-"""The parts of the page's program, each after those that it uses."""
+"""The parts of the page's JavaScript, each after the parts that it uses."""
 
 
 def run(run: Run) -> None:
@@ -70,12 +70,12 @@ def write_report(
     Args:
         data_dir: The folder.
         run_dir: The folder of the runs trained on them; it need not exist.
-        results_dir: The folder with the results that were submitted, if any.
+        results_dir: The folder with submitted results, if any.
         workers: The number of processes that read shards.
 
     Raises:
         DatasetError: There is no dataset; a dataset, its analysis or an evaluation is damaged; or
-            the page was made or changed by someone else.
+            someone else made or changed the page.
         OSError: The folder cannot be written.
     """
     found = statistics_of(data_dir, "report", workers)
@@ -95,12 +95,12 @@ def write_report(
 def describe(
     dataset: DatasetStatistics, splits: Mapping[str, PackedSplit], limit: int
 ) -> dict[str, Any]:
-    """Return the data of the page on a dataset.
+    """Return the page's data on a dataset.
 
     Args:
-        dataset: Its counts and its analysis.
-        splits: Its labyrinths and episodes.
-        limit: About how many bytes of labyrinths and episodes the page holds of each split.
+        dataset: The counts and the analysis.
+        splits: The labyrinths and episodes of each split.
+        limit: About how many bytes of labyrinths and episodes to keep per split.
     """
     config = dataset.manifest.config
     return {
@@ -118,11 +118,11 @@ def describe(
 
 
 def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, Any]] = ()) -> str:
-    """Return the page.
+    """Return the HTML of the page.
 
     Args:
-        datasets: As from `describe`.
-        results: As from `findings.read_results`.
+        datasets: The results of `describe`.
+        results: The result of `findings.read_results`.
     """
     data = {
         "version": __version__,
@@ -137,7 +137,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
     )
     html = _source("index.html")
-    # The data comes last, so that nothing in it is taken for a place to fill.
+    # The data comes last, so that no text in it is replaced as a placeholder.
     for name, text in {"policy": policy, "style": style, "script": script}.items():
         html = html.replace(f"{{{{{name}}}}}", text)
     # A NaN is not JSON: the browser would not read any of the data.

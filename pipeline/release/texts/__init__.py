@@ -1,4 +1,4 @@
-"""The texts of cards, as files in this folder: `$name` in one is a field that code fills in."""
+"""The texts of cards, as files in this folder; code fills in their fields, such as `$name`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def read(name: str) -> str:
 
 
 def fill(name: str, /, **fields: object) -> str:
-    """Return the text of a file with its fields, all of them, filled in."""
+    """Return the text of a file with all its fields filled in."""
     return Template(read(name)).substitute(fields)
 
 
@@ -26,7 +26,7 @@ def paragraph(name: str, /, **fields: object) -> str:
     return Template(_paragraphs()[name]).substitute(fields)
 
 
-@cache  # Reading the file for each paragraph anew took a third of the time of a small card.
+@cache  # Parsing the file for each paragraph took a third of the time of a small card.
 def _paragraphs() -> dict[str, str]:
     return dict(yaml.safe_load(read("paragraphs.yaml")))
 

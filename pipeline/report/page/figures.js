@@ -1,7 +1,7 @@
 // Figures of a dataset, with a panel for each split, and their numbers in tables.
 
-const ACTION_TILES = ["agent", "goal", "start", "key"]; // Whose colours the bars of actions have.
-const BARS = 200; // The width of the bars beside the names.
+const ACTION_TILES = ["agent", "goal", "start", "key"]; // Their colours are those of the bars.
+const BARS = 200; // The width of the area for bars.
 const PANEL = { width: 280, height: 130, left: 38, bottom: 22, top: 8 };
 
 /** Return a histogram as an SVG picture; `counts` are pairs of a value and its frequency. */
@@ -46,7 +46,7 @@ function ticks([low, high]) {
   return Array.from({ length: Math.floor((high - first) / apart) + 1 }, (_, at) => first + at * apart);
 }
 
-/** Return a share rounded up, such that it and its half are round numbers on an axis. */
+/** Return a share rounded up so that the value and its half are round numbers on an axis. */
 function roundedUp(share) {
   const step = share > 0.2 ? 0.2 : share > 0.04 ? 0.04 : 0.02;
   return Math.ceil(share / step - 1e-9) * step;
@@ -92,7 +92,7 @@ function figure(title, text, panels, numbers) {
     element("h2", {}, title),
     element("p", { class: "muted" }, text),
     element("div", { class: "panels" }, ...panels),
-    element("details", {}, element("summary", {}, "The numbers"), numbers),
+    element("details", {}, element("summary", {}, "Numbers"), numbers),
   );
 }
 
@@ -135,7 +135,7 @@ function actionFigure(dataset) {
   });
   const rows = dataset.splits.map(({ name, actions }) => [name, ...actions.map(grouped)]);
   return figure(
-    "Actions", "Share of each action among all that the episodes take.",
+    "Actions", "Share of each action among all actions of the episodes.",
     panels, table("Actions: how often each is taken", ["split", ...ACTIONS], rows),
   );
 }
@@ -151,7 +151,7 @@ function visitFigure(dataset) {
     const where = `row ${Math.floor(busiest / width)}, column ${busiest % width}`;
     canvas.setAttribute("aria-label", `Visited cells in ${name}: most often ${where}, ${share}`);
     paintHeat(canvas, dataset, visits.map((count) => count / totals[at]), most);
-    return panel(name, `at most ${share}`, canvas);
+    return panel(name, `maximum ${share}`, canvas);
   });
   const rows = [];
   for (let cell = 0; cell < Math.min(height * width, 400); cell++) {
@@ -162,7 +162,7 @@ function visitFigure(dataset) {
   const caption = height * width > 400 ? "Visited cells: the first 400" : "Visited cells: states";
   return figure(
     "Visited cells",
-    "Share of an episode's states with the agent in each cell, on one scale for all splits; row 0 is at the bottom.",
+    "Share of a split's states with the agent in each cell, on one scale for all splits; row 0 is at the bottom.",
     panels, table(caption, ["row, column", ...names], rows),
   );
 }
@@ -205,10 +205,10 @@ function showFigures() {
     visitFigure(dataset),
     distribution(
       dataset, "loops", "Loops",
-      "Passages beyond those of a tree (passages - cells + 1).", "loops",
+      "Passages beyond those of a spanning tree (passages - cells + 1).", "loops",
     ),
     distribution(
-      dataset, "junctions", "Branching", "Cells from which three or four ways lead.", "junctions",
+      dataset, "junctions", "Branching", "Cells with three or four passages.", "junctions",
     ),
   );
 }

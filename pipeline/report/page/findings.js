@@ -3,7 +3,7 @@
 const runName = ({ config }, { name }) => `${config} ${name}`;
 const methodName = ({ config, name }) => `${config} ${name}, every seed`;
 
-/** Name -> failures: those of each run, and those that all runs of a method have in common. */
+/** Name of a run, or method -> the labyrinths that it, or all its runs, did not solve. */
 const ATTEMPTS = new Map(
   DATA.results.flatMap((method) => {
     const attempt = (name, splits) => [name, { config: method.config, splits }];
@@ -12,7 +12,7 @@ const ATTEMPTS = new Map(
   }),
 );
 
-/** Return the keys of the labyrinths on which a run or method failed; null for other names. */
+/** Return the keys of the labyrinths that a run or method did not solve; null for other names. */
 function failuresOf(name) {
   const attempt = ATTEMPTS.get(name);
   if (!attempt) return null;
@@ -20,7 +20,7 @@ function failuresOf(name) {
   return new Set(Object.entries(attempt.splits).flatMap(keys));
 }
 
-/** Return the names of the runs and methods that failed on a labyrinth. */
+/** Return the names of the runs and methods that did not solve a labyrinth. */
 function whoFailed({ dataset, split }, id) {
   const failed = ([, { config, splits }]) =>
     config === dataset.name && splits[split.name]?.failed.includes(id);
@@ -28,10 +28,10 @@ function whoFailed({ dataset, split }, id) {
 }
 
 const COMMON = {
-  equal: "the same structure",
+  equal: "same structure",
   mirrored: "mirrored",
   symmetric: "turned",
-  same_route: "a shared best route",
+  same_route: "shared optimal route",
 };
 
 function showLeakage() {
@@ -44,8 +44,8 @@ function leakageOf(dataset) {
   if (!analysis) {
     const task = dataset.task === "navigation" ? "" : ` task=${dataset.task}`;
     const command = `labyrinth-datasets size=${sizeOf(dataset)}${task} 'stages=[analyse,report]'`;
-    return [notice("This dataset was not analysed, or has changed since. ", code(command),
-      " (with the options that it was built with) analyses it and writes the result here.")];
+    return [notice("This dataset was not analysed, or has changed since. To analyse it, run ",
+      code(command), " with the options that the dataset was built with.")];
   }
   const walls = Object.keys(analysis.pairs[0]?.within ?? {});
   const rows = analysis.pairs.map(({ first, second, counts, within, spread }) => [
@@ -60,17 +60,17 @@ function leakageOf(dataset) {
   ]);
   const headings = [
     "splits", "labyrinths", ...Object.values(COMMON), ...walls.map((count) => `at most ${plural(+count, "wall")} away`),
-    "walls to the nearest: least, median",
+    "walls to the nearest: minimum, median",
   ];
   return [
     element("h2", {}, "Leakage"),
     verdict(analysis),
-    table("Labyrinths of the second split that have in the first …", headings, rows),
+    table("Labyrinths of the second split with a match in the first, by kind", headings, rows),
     element(
       "p", { class: "muted" },
-      "Mirrored: the same structure, also after a rotation or reflection that keeps start and " +
-      "goal. Turned: also after any other. A shared best route: an optimal route of one is " +
-      "optimal in the other, too.",
+      "Mirrored: same structure, also after a rotation or reflection that maps start to start " +
+      "and goal to goal. Turned: also after any other. Shared optimal route: a route that is " +
+      "optimal in both labyrinths.",
     ),
     ...analysis.pairs.map(examplesOf).filter(Boolean),
     element("h2", {}, "Shift between splits"),
@@ -91,7 +91,7 @@ function verdict({ pairs, repeated, strangers }) {
     .filter(([split, count]) => count && !(split in strangers))
     .map(([split, count]) => `${split} repeats ${plural(count, "structure")}`);
   const strange = Object.entries(strangers).filter(([, count]) => count)
-    .map(([split, count]) => `${split} has ${plural(count, "structure")} that train has not`);
+    .map(([split, count]) => `${split} has ${plural(count, "structure")} that its parent lacks`);
   const broken = [...again, ...strange];
   if (shared) broken.unshift("splits share structures");
   return notice(
@@ -107,7 +107,7 @@ function examplesOf({ first, second, counts, examples }) {
   );
   if (!rows.length) return null;
   const total = Object.values(counts).reduce((sum, count) => sum + count, 0);
-  const title = `${first}, ${second}: ${grouped(rows.length)} of ${grouped(total)} by id`;
+  const title = `${first}, ${second}: ids of ${grouped(rows.length)} of ${grouped(total)} matches`;
   return element(
     "details", {}, element("summary", {}, title),
     table(title, [second, first, ["in common", "text"]], rows),
@@ -145,7 +145,7 @@ function shiftTable({ shift }) {
     "splits", ["measure", "text"], "labyrinths of each", "distance", "effect size",
     "p-value", "corrected p-value",
   ];
-  return table("How the splits differ; * significant, corrected p of 0.05 or less", headings, rows);
+  return table("Differences between splits; * corrected p-value of 0.05 or less", headings, rows);
 }
 
 function showResults() {
@@ -157,9 +157,9 @@ function showResults() {
 
 function noResults() {
   return notice(
-    "There are no results of policies on these datasets. ",
+    "No policy was evaluated on these datasets. To train and evaluate one and show it here, run ",
     code("labyrinth-datasets 'stages=[train,evaluate,report]' method=bc"),
-    " (with the options of the dataset) makes some and writes them here.",
+    " with the options of the dataset.",
   );
 }
 
@@ -185,10 +185,10 @@ function resultsOf(config) {
   ]);
   const results = figure(
     `SPL, ${config}`,
-    `${DATA.whySpl} Of runs one greedy episode in each labyrinth, the mean over seeds; the line ` +
-    "is the 95% interval of SPL over seeds and labyrinths. The table has SPL, and below it the " +
-    "success rate and the average return with its standard deviation; in grey what needs no " +
-    "learning, last what was submitted.",
+    `${DATA.whySpl} Bars: mean SPL over the seeds of a method, from one greedy episode per ` +
+    "labyrinth. Lines: 95% interval over seeds and labyrinths. The table has SPL and, below it, " +
+    "the success rate and the average return ± its standard deviation; baselines without " +
+    "learning are grey, and submitted results come last.",
     panels,
     table("SPL; below it success rate (SR) and average return", ["method", "seeds", ...splits], [...rows(false), ...others, ...rows(true)]),
   );
@@ -211,7 +211,7 @@ function ratesOf(figures) {
   return element("span", {}, percent(spl), element("br"), element("small", {}, below));
 }
 
-/** Return the details of a method: what all its seeds failed on, and each run. */
+/** Return the details of a method: what none of its seeds solved, and each run. */
 function methodDetails(method) {
   const { name, runs, splits, submitted } = method;
   const rows = Object.entries(splits).map(([split, scores]) => [
@@ -225,20 +225,20 @@ function methodDetails(method) {
   ]);
   const headings = [
     "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval",
-    "every seed failed on", "average return",
+    "not solved by any seed", "average return",
   ];
   const what = submitted ? "submitted" : plural(runs.length, "run");
   return element(
     "details", { open: DATA.results.length === 1 },
-    element("summary", {}, `${name}: ${what}, and what failed`),
+    element("summary", {}, `${name}: ${what}, with failures`),
     runs.length > 1 ? table(`${name}, mean of ${runs.length} seeds`, headings, rows) : null,
     ...runs.map((run) => runTable(run, runName(method, run))),
     element(
       "p", { class: "muted" },
-      "n x n steps: as many as there are cells. Failures: a loop between cells, the same wall for " +
-      "ever, ice. Path efficiency: moves of a shortest route divided by moves taken, where " +
-      "solved. Optimal actions: their share in the states in which demonstrations act, and in " +
-      "the others.",
+      "n x n steps: as many steps as there are cells. Failures: a loop between cells, the same " +
+      "wall for ever, ice. Path efficiency: moves of a shortest route divided by moves taken, in " +
+      "solved labyrinths. Optimal actions: their share in states in which demonstrations act, " +
+      "and in other states.",
     ),
   );
 }
@@ -263,8 +263,8 @@ function runTable({ name, splits }, label) {
     grouped(scores.labyrinths),
   ]);
   const headings = [
-    "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval", "failed on",
-    ["how", "text"], "average return", "path efficiency", "optimal actions where demonstrated",
+    "split", "SPL", "solved in n x n steps", "success rate", "its 95% interval", "not solved",
+    ["failures", "text"], "average return", "path efficiency", "optimal actions where demonstrated",
     "optimal actions elsewhere", "labyrinths",
   ];
   return table(name, headings, rows);

@@ -26,7 +26,7 @@ function filterGallery() {
   gallery.active = 0;
   const all = BLOCKS.reduce((sum, block) => sum + block.count, 0);
   const held = BLOCKS.reduce((sum, block) => sum + block.split.labyrinths, 0);
-  const rest = held > all ? `; ${grouped(held - all)} more of the datasets are not in this file` : "";
+  const rest = held > all ? `; ${grouped(held - all)} more are not in this file` : "";
   byId("matches").textContent =
     `${grouped(gallery.matches.length)} of ${grouped(all)} labyrinths${rest}`;
   byId("list").scrollTop = 0;
@@ -135,7 +135,7 @@ function galleryKey(event) {
   event.preventDefault();
 }
 
-/** Show what the colours of the tiles that occur mean. */
+/** Show the meaning of each colour that occurs in the datasets. */
 function setUpLegend() {
   const tiles = { start: "start", goal: "goal" };
   const tasks = new Set(DATA.datasets.map(({ task }) => task));
@@ -160,7 +160,7 @@ function setUpGallery() {
   fill(form.elements.task, [["", "all"], ...tasks.map(([task]) => [task, words(task)])]);
   const failed = [...ATTEMPTS.keys()].map((name) => [name, name]);
   byId("method-filter").hidden = !failed.length;
-  fill(form.elements.failed, [["", "any method"], ...failed]);
+  fill(form.elements.failed, [["", "no filter"], ...failed]);
   const list = byId("list");
   list.append(element("div", { id: "spacer", role: "presentation" }));
   form.addEventListener("input", filterGallery);

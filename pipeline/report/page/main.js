@@ -1,4 +1,4 @@
-// The parts of the page, one at a time, and its theme.
+// The tabs of the page, of which one is shown, and the theme.
 
 const PARTS = ["gallery", "figures", "leakage", "results"];
 const DRAW = {

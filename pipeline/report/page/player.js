@@ -20,7 +20,7 @@ function openPlayer(place) {
     Loops: grouped(block.column("loops")[index]),
   };
   const failed = whoFailed(block, id);
-  if (failed.length) facts["Failed with"] = failed.join("; ");
+  if (failed.length) facts["Not solved by"] = failed.join("; ");
   byId("facts").replaceChildren(
     ...Object.entries(facts).flatMap(([name, value]) => [
       element("dt", {}, name), element("dd", {}, value),

@@ -1,4 +1,4 @@
-// The labyrinths and episodes of the datasets, unpacked one by one when they are shown.
+// The labyrinths and episodes of the datasets, each unpacked when it is shown.
 
 const ARRAYS = { uint8: Uint8Array, uint16: Uint16Array, uint32: Uint32Array };
 
@@ -11,7 +11,7 @@ class Block {
   constructor(dataset, split, first) {
     this.dataset = dataset;
     this.split = split;
-    this.first = first; // The number of its first labyrinth among those of all blocks.
+    this.first = first; // The number of the first labyrinth, counted over all blocks.
     this.unpacked = new Map();
   }
 
@@ -29,7 +29,7 @@ class Block {
     return this.unpacked.get(name);
   }
 
-  /** Return a bit set over the cells of a labyrinth, one byte for each bit. */
+  /** Return the bits of a labyrinth's cells, one byte per bit. */
   bits(name, index) {
     const cells = this.dataset.height * this.dataset.width;
     const stride = (cells + 7) >> 3;
@@ -42,7 +42,7 @@ class Block {
     return Array.from(bytes, (byte) => byte.toString(16).padStart(2, "0")).join("");
   }
 
-  /** Return the key of a labyrinth in the results. */
+  /** Return the key of a labyrinth, as in `failuresOf`. */
   key(index) {
     return `${this.dataset.name} ${this.split.name} ${this.hex("id", index)}`;
   }
@@ -107,7 +107,7 @@ function locate(number) {
   return [block, number - block.first];
 }
 
-/** Return whether an id in a column of eight bytes begins with some hexadecimal digits. */
+/** Return whether id `index` of a column of 8-byte ids begins with these hexadecimal digits. */
 function idBegins(bytes, index, digits) {
   for (let place = 0; place < digits.length; place++) {
     const byte = bytes[8 * index + (place >> 1)];

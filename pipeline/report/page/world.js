@@ -88,7 +88,7 @@ function optimalActions(labyrinth, distance, state) {
   );
 }
 
-/** Return the states that actions lead through, beginning on the start. */
+/** Return the states that actions lead through, from the start on. */
 function replay(labyrinth, actions) {
   const states = [labyrinth.start];
   for (const action of actions) states.push(transition(labyrinth, states.at(-1), action));

@@ -185,7 +185,7 @@ def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path
     assert set(pair["equal"]) == {LABYRINTH.structure.structure_id}
     assert pair["same_route"] == {}
     shown = capsys.readouterr().out
-    assert "structures alone are compared" in shown
+    assert "only structures are compared" in shown
     assert re.search(r"train +2 +1 +2 +2 .* - +0", shown)
 
 
@@ -239,8 +239,8 @@ def parquet_of(texts):
     [
         ("a.npy", b"no array", "a.npy: no array that can be read"),
         ("a.zip", b"PK\5\6" + bytes(18), "a.zip: unpack this archive, and give the folder"),
-        ("a.csv", b"", "a.csv: labyrinths are in files that end in .labyrinth, .npy"),
-        ("folder", parquet_of(["no labyrinth"]), "train info: no labyrinth: "),
+        ("a.csv", b"", "a.csv: the name of a file must end in .labyrinth, .npy"),
+        ("folder", parquet_of(["no labyrinth"]), "train info: not a labyrinth: "),
         ("folder", parquet_of([1]), "every row needs a text"),
         ("nobody/nothing", None, "nobody/nothing is no folder"),
     ],

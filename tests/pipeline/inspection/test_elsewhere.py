@@ -47,7 +47,7 @@ def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_datase
     assert str(caught.value).startswith(there)
 
 
-@pytest.mark.parametrize(("config", "said"), [(None, ["3x3, by default"]), ("3x3", [])])
+@pytest.mark.parametrize(("config", "said"), [(None, ["default config 3x3"]), ("3x3", [])])
 def test_a_config_that_the_dataset_chooses_is_told(
     carded: Path, capsys: pytest.CaptureFixture[str], config: str | None, said: list[str]
 ) -> None:

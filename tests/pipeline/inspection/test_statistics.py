@@ -121,7 +121,7 @@ def elsewhere(folder):
     return dump(Labyrinth(structure, ends.start, ends.goal))
 
 
-SHARE = "train and {} share {}, 1 when mirror images count"
+SHARE = "train and {} share {}, 1 counting mirror images"
 
 
 @pytest.mark.parametrize(

@@ -358,7 +358,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
         FOREIGN, b"mine"
     )
     *_, last = capsys.readouterr().out.splitlines()
-    assert last.startswith("Not written, since somebody else made or changed them: ")
+    assert last.startswith("Not written, as they were changed, or not written by a card: ")
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
@@ -436,7 +436,7 @@ def test_a_readme_with_one_mark_only_is_refused(folder, mark):
 def test_a_dataset_with_a_leak_gets_no_card(folder):
     copied = labyrinths(folder / DEFAULT, "train")[0]
     plant(folder / DEFAULT, "test", labyrinths(folder / DEFAULT, "test")[0], copied)
-    refused(folder, "3x3: train and test share 1 structure, 1 when mirror images count")
+    refused(folder, "3x3: train and test share 1 structure, 1 counting mirror images")
 
 
 def test_a_folder_without_a_dataset_gets_no_card(tmp_path):

@@ -110,7 +110,7 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
     foreign = publish(
         local_hub, releasable, "1.1.0", *train[1:], f"publish.export={GROUP}", repo=""
     )
-    told = f"{GROUP} holds README.md, SHA256SUMS, made or changed by somebody else, so not written"
+    told = f"{GROUP} holds files that no release wrote, or that were changed since (README.md, "
     assert error_of(foreign).startswith(told)
 
 
@@ -143,7 +143,7 @@ def test_an_export_of_a_dataset_that_has_no_id_says_how_it_is_made(
     ("asked", "message"),
     [
         ({"splits": ("tset",)}, "export.splits=[tset]: choose from [train, validation, test, "),
-        ({"splits": ("test",)}, "test-v0 holds no whole export: stages=export makes it"),
+        ({"splits": ("test",)}, "test-v0 holds no complete export: stages=export makes it"),
         ({"image_size": 9}, "train-v0 is an export of another dataset, or with other options: sta"),
     ],
 )

@@ -172,7 +172,7 @@ def test_somebody_elses_commit_in_between_is_told_and_never_lost(
         theirs = local_hub.commit(REPO)
         local_hub.faults.release()
         error = last_line(process)
-    assert error.startswith(f"error: somebody else committed to {REPO} meanwhile")
+    assert error.startswith(f"error: {REPO} got another commit meanwhile")
     assert process.returncode == 1
     assert local_hub.history(REPO)[0] == theirs
     assert local_hub.log.find("POST", "/commit/", 412)
@@ -197,8 +197,8 @@ def test_a_tag_that_another_sets_meanwhile_is_never_moved(
 
 
 UNSEEN = (
-    "{} does not exist, or this token may not see it, and the token may not make it: use another "
-    "token, or make it on the Hub, empty, then publish again"
+    "{} does not exist, or this token may not see it, and the token may not create it: use another "
+    "token, or create it empty on the Hub, and publish again"
 )
 
 

@@ -224,8 +224,8 @@ def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
         (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not say"),
         (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
         (("baselines", "oracle"), None, "is refused: train: the figures of the baseline oracle "),
-        (("run", "training", "epochs"), 99, "tells another training than run.json"),
-        (("run", "settings", "epochs"), 99, "tells another training than run.json"),
+        (("run", "training", "epochs"), 99, "describes another training than run.json"),
+        (("run", "settings", "epochs"), 99, "describes another training than run.json"),
     ],
 )
 def test_results_that_cannot_be_or_are_not_of_the_record_are_not_published(
@@ -294,13 +294,13 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     folder = copied.training_folder
     results, weights = folder / "results.json", folder / "policy.safetensors"
     weights.write_bytes(b"others")
-    told = f"{results} is of other weights than policy.safetensors: stages=evaluate"
+    told = f"{results} is for other weights than policy.safetensors: stages=evaluate"
     assert refused(copied, manifest, staged).startswith(told)
     change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
     assert refused(copied, manifest, staged).startswith(f"{weights} holds no weights: ")
     change(results, "run")
-    told = f"{results} is not of this run: stages=evaluate makes it anew"
+    told = f"{results} belongs to another run: stages=evaluate makes it again"
     assert refused(copied, manifest, staged) == told
     other = replace(copied, options=replace(copied.options, seed=1))
-    told = "planner-seed1 holds no policy that was evaluated: 'stages=[train,evaluate]' makes one"
+    told = "planner-seed1 holds no evaluated policy: 'stages=[train,evaluate]' makes one"
     assert refused(other, manifest, staged).endswith(told)

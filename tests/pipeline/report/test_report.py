@@ -224,7 +224,7 @@ def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
         *path, last = place
         reduce(getitem, path, content)[last] = value
     (folder / ANALYSIS).write_text(json.dumps(content) if place else value)
-    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it anew$"):
+    with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it again$"):
         read_analysis(folder, Manifest.read(folder))
 
 

@@ -219,7 +219,7 @@ def test_what_was_found_out_leads_to_the_labyrinths(open_report, reported):
     assert page.locator(".tile .name").text_content() == test[0][:8]
     page.locator("#tab-results").click()
     summary = page.locator("#runs > details > summary")
-    assert summary.text_content() == f"{METHOD}: 2 runs, and what failed"
+    assert summary.text_content() == f"{METHOD}: 2 runs, with failures"
     # The method failed with every seed on one labyrinth, its first run on two.
     for number, (failed, name) in enumerate([(test[1:2], "every seed"), (test[:2], "seed0")]):
         page.locator("#tab-results").click()
@@ -254,7 +254,7 @@ def test_a_submission_stands_last_with_its_author(browser, reported, tmp_path):
     rows = page.locator("#runs section table tbody tr")
     assert rows.last.locator("td").first.text_content() == "Theirssubmitted by A. <b>N</b>"
     assert page.locator("#runs > details > summary").last.text_content() == (
-        "Theirs: submitted, and what failed"
+        "Theirs: submitted, with failures"
     )
     page.close()
 
