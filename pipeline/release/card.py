@@ -127,7 +127,7 @@ def _write_card(
     (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
-        say(f"Not written, as they were changed, or not written by a card: {', '.join(others)}.")
+        say(f"Not written, because no card wrote them, or they changed since: {', '.join(others)}.")
     return datasets
 
 

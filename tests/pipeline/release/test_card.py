@@ -358,7 +358,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
         FOREIGN, b"mine"
     )
     *_, last = capsys.readouterr().out.splitlines()
-    assert last.startswith("Not written, as they were changed, or not written by a card: ")
+    assert last.startswith("Not written, because no card wrote them, or they changed since: ")
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
