@@ -1,4 +1,4 @@
-"""The grammar of the command line, and the errors that a user of it can cause."""
+"""The parser of the command line, and the errors that its users can cause."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RequestError(ValueError):
 
 
 ERRORS = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
-"""The errors that a user can cause."""
+"""The errors that a user can cause, which are shown without a traceback."""
 
 
 def explain(error: Exception) -> None:
@@ -82,7 +82,7 @@ def _file(suffix: str) -> Callable[[str], Path]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; an error in it ends with exit status 1."""
+    """Return the parser of the command line, which exits with status 1 after an error."""
     parser = _Parser(
         prog="labyrinth",
         description="Check, show, solve, make and convert labyrinths in the text language.",
