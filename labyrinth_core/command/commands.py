@@ -138,12 +138,12 @@ def _moving_picture(labyrinth: Labyrinth) -> bytes:
     try:
         return gif([frames_of(_optimal(labyrinth))])
     except ImportError as error:
-        raise RequestError("a moving picture needs Pillow: pip install pillow") from error
+        raise RequestError("a GIF file needs Pillow: pip install pillow") from error
 
 
 def _solve(options: Namespace) -> int:
     if options.limit is not None and not options.all:
-        raise RequestError("--limit goes with --all")
+        raise RequestError("--limit needs --all")
     labyrinth = _load(options)
     routes = [_optimal(labyrinth).actions.tolist()]
     if options.all:
@@ -176,10 +176,10 @@ def _new(options: Namespace) -> int:
 def _convert(options: Namespace) -> int:
     if options.file != "-" and is_collection(Path(options.file)):
         if options.size is not None:
-            raise RequestError("--size goes with a list of edges")
+            raise RequestError("--size is only for lists of edges")
         return convert(Path(options.file), options.output)
     if options.output is not None:
-        raise RequestError(f"--output goes with folders, and files that end in {', '.join(KINDS)}")
+        raise RequestError(f"--output is only for folders and files that end in {', '.join(KINDS)}")
     height, width = options.size or (None, None)
     text, name = _read(options.file)
     sys.stdout.write(dump(parse_edges(text, height=height, width=width, file=name)))

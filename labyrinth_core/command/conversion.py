@@ -65,8 +65,8 @@ def _text(entry: Entry) -> str:
 
 def _write(source: Path, entries: Iterator[tuple[str, str, str]], output: Path) -> int:
     if output.exists() or not output.parent.is_dir():
-        reason = "is there already" if output.exists() else "has no folder to lie in"
-        raise RequestError(f"--output {output}: it {reason}; name a new folder")
+        reason = "it already exists" if output.exists() else "its parent folder does not exist"
+        raise RequestError(f"--output {output}: {reason}; name a new folder")
     seen: Counter[str] = Counter()
     written: Counter[str] = Counter()
     problems = []
@@ -98,6 +98,4 @@ def _explain(problems: list[str]) -> None:
 
 
 def _nothing(source: Path) -> RequestError:
-    return RequestError(
-        f"{source}: no labyrinth in it can be read; files end in {', '.join(KINDS)}"
-    )
+    return RequestError(f"{source}: no readable labyrinth; files must end in {', '.join(KINDS)}")

@@ -113,7 +113,7 @@ def _bytes(file: Path) -> bytes:
     """
     with file.open("rb") as stream:
         if file.suffix.lower() in ARCHIVES:
-            raise ValueError("unpack this archive, and give the folder")
+            raise ValueError("unpack this archive and give the folder")
         data = stream.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
@@ -144,8 +144,8 @@ def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth
             yield f"[{index}]", partial(read, each)
     else:
         raise ValueError(
-            f"an array of the shape {array.shape}: expected a wall grid ({SIZES}), several "
-            "of them (n before that), or connections of maze-dataset (n, 2, rows, columns)"
+            f"an array of shape {array.shape}: expected a wall grid ({SIZES}), several "
+            "of them (n, 2h + 1, 2w + 1), or connections of maze-dataset (n, 2, rows, columns)"
         )
 
 
@@ -155,9 +155,9 @@ def _array(data: bytes) -> NDArray[Any]:
         array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError, SyntaxError, TokenError) as error:
         # The header may hold anything; NumPy parses it as a Python literal.
-        raise ValueError(f"no array that can be read: {error}") from error
+        raise ValueError(f"the array cannot be read: {error}") from error
     if not array.size:
-        raise ValueError(f"an array of the shape {array.shape}, which holds nothing")
+        raise ValueError(f"an empty array of shape {array.shape}")
     if array.dtype.kind not in "biuf":
         raise ValueError(f"expected an array of booleans or numbers, found {array.dtype}")
     return array

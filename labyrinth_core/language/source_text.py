@@ -142,7 +142,7 @@ class Source:
         for place, char in enumerate(line):
             if not char.isprintable():
                 offset = begin + place
-                message = "tabs and other control characters may stand in comments only"
+                message = "tabs and other control characters are allowed only in comments"
                 expected, found = "blanks or printable characters", character_at(line, place)
                 break
         raise self.error(offset, message, expected, found)
@@ -239,7 +239,7 @@ def decode(data: bytes, file: str | None) -> str:
         rest = data[error.start : error.start + _WINDOW].decode(errors="replace")
         found = f"the byte 0x{data[error.start]:02x}"
         raise LabyrinthSyntaxError.at(
-            before + rest, len(before), "the file is no text", file, "UTF-8", found
+            before + rest, len(before), "the file is not text", file, "UTF-8", found
         ) from error
 
 

@@ -155,7 +155,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
         source.fail(offset + match.end(), f"after {word}", "':'")
     if not line or line[0] in "-|":
         found = quoted(line.strip(" "))
-        source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
+        source.fail(place, "the line before the drawing is missing", f"'{_HEADING}:'", found)
     close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
     expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
@@ -208,11 +208,11 @@ def _parse_drawing(source: Source) -> _Drawing:
         if not wall_line.fullmatch(line):
             _refuse_line(source, offset, line, len(top), cells=False)
         if len(rows) == MAX_SIDE:
-            source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
+            source.fail(offset, "the drawing is too tall", f"at most {MAX_SIDE:,} rows", "more")
         up.append(line[-3::-4])
     if len(rows) < MIN_SIDE:
         expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
-        source.fail(offset, "the drawing is too low", expected, str(len(rows)))
+        source.fail(offset, "the drawing has too few rows", expected, str(len(rows)))
     bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
     structure = Structure(len(rows), width, *bits)
     return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])

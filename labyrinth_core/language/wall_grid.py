@@ -60,11 +60,11 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
     inner[1:-1, 1:-1] = posts[::2, ::2] = cells[1::2, 1::2] = True
     for wrong, message in (
         (~np.isin(grid, (0, 1, START, GOAL)), "expected 0, 1, 2 for the start or 3 for the goal"),
-        (posts & wall & (grid > 1), "start and goal are marked in cells, not in walls"),
+        (posts & wall & (grid > 1), "start and goal must be in cells, not in walls"),
         (~inner & ~wall, "a gap in the outer wall"),
         (posts & ~wall, "no wall where four cells meet"),
         (cells & wall, "a wall where a cell is"),
-        (~cells & (grid > 1), "start and goal are marked in cells, not between them"),
+        (~cells & (grid > 1), "start and goal must be in cells, not between them"),
     ):
         if wrong.any():
             row, column = np.argwhere(wrong)[0].tolist()
@@ -88,7 +88,7 @@ def _marked(grid: NDArray[Any], mark: int, name: str) -> int | None:
     places = np.argwhere(grid == mark).tolist()
     if len(places) > 1:
         row, column = places[1]
-        raise ValueError(f"row {row}, column {column}: another {name}: at most one is marked")
+        raise ValueError(f"row {row}, column {column}: a second {name}: mark at most one")
     height, width = (side // 2 for side in grid.shape)
     return (height - 1 - places[0][0] // 2) * width + places[0][1] // 2 if places else None
 

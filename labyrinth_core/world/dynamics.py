@@ -174,7 +174,7 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
         if not 0 <= action < 4:
             raise ValueError(f"action {action}: the actions are 0, 1, 2 and 3")
         if is_terminal(labyrinth, states[-1]):
-            raise ValueError(f"{len(taken)} steps end the episode, but another action follows")
+            raise ValueError(f"the episode ends after {len(taken)} steps, but an action follows")
         states.append(transition(labyrinth, states[-1], action))
         taken.append(action)
     return _episode(labyrinth, states, taken)

@@ -150,7 +150,7 @@ class Structure:
             low, high = sorted(pair)
             beside = (high - low == 1 and high % width) or high - low == width
             if low < 0 or high >= height * width or not beside:
-                raise ValueError(f"cells {pair} of a {height}x{width} grid are no neighbours")
+                raise ValueError(f"cells {pair} of a {height}x{width} grid are not neighbours")
             (up if high - low == width else right)[low] = "1"
         return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
 
@@ -330,9 +330,9 @@ class Labyrinth:
         tiles = [("start", self.start), ("goal", self.goal)]
         locked = self.task is Task.KEY_AND_DOOR
         if (self.key is None) == locked or (self.door is None) == locked:
-            raise LabyrinthError(f"a key and a door belong to {Task.KEY_AND_DOOR}, both or none")
+            raise LabyrinthError(f"only {Task.KEY_AND_DOOR} has a key and a door, and needs both")
         if bool(self.ice) != (self.task is Task.ICY_FLOOR):
-            raise LabyrinthError(f"ice belongs to {Task.ICY_FLOOR}, which needs some")
+            raise LabyrinthError(f"only {Task.ICY_FLOOR} has ice, and needs some")
         if self.key is not None and self.door is not None:
             tiles += [("key", self.key), ("door", self.door)]
         tiles += [("ice", cell) for cell in self.ice]

@@ -45,9 +45,9 @@ def check_open_walls(task: Task, open_walls: float) -> None:
     """
     wish = f"open_walls={open_walls:g} task={task}"
     if task is Task.ICY_FLOOR and open_walls == 0:
-        raise LabyrinthError(f"{wish}: there is one route, and ice needs another; give more than 0")
+        raise LabyrinthError(f"{wish}: without loops ice has no detour; give more than 0")
     if task is Task.KEY_AND_DOOR and open_walls == 1:
-        raise LabyrinthError(f"{wish}: no cell is on every route, for a door; give less than 1")
+        raise LabyrinthError(f"{wish}: without walls every door can be bypassed; give less than 1")
 
 
 def place(
@@ -108,7 +108,7 @@ def _place_key_and_door(
     if not doors and key is not None:
         raise LabyrinthError("no place for the door that fits the key", key)
     if not doors:
-        raise LabyrinthError("no place for the key: none is off the route and before the door")
+        raise LabyrinthError("no place for the key: no cell before the door is a detour")
     door = list(doors)[rng.integers(len(doors))]
     keys = [cell for cell in keys if found[cell] < doors[door]]
     return keys[rng.integers(len(keys))], door
@@ -202,12 +202,12 @@ def _closed_until_longer(
             if closed:
                 open_for_good[-1].add(closed.pop())
         if not choices:
-            raise LabyrinthError("ice would not matter: no longer route avoids a shortest one")
+            raise LabyrinthError("no place for ice: blocking the shortest routes leaves no detour")
         cell = choices[-1].pop()
         while cell in open_for_good[-1]:
             cell = choices[-1].pop()
         closed.append(cell)
-    raise LabyrinthError("no place was found for ice that would leave a longer route open")
+    raise LabyrinthError("no place was found for ice that leaves a detour open")
 
 
 def _shortest_route(
@@ -279,7 +279,7 @@ def sample_labyrinth(
         except LabyrinthError:
             continue
     raise LabyrinthError(
-        f"{wish}: none of {MAX_DRAWS:,} labyrinths can hold it; change one of them"
+        f"{wish}: none of {MAX_DRAWS:,} random labyrinths fits; change size, task, start or goal"
     )
 
 
