@@ -21,7 +21,7 @@ PROBLEMS_SHOWN = 10
 
 
 def convert(source: Path, output: Path | None) -> int:
-    """Convert labyrinths and return the exit status: 1 after explaining why any cannot be read.
+    """Convert labyrinths, print each problem, and return the exit status: 1 if there was any.
 
     Args:
         source: The file or folder.

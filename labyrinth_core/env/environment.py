@@ -46,7 +46,7 @@ SHOWN_HERE = [mode for mode in RENDER_MODES if mode != "human" or find_spec("pyg
 
 
 class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
-    """An agent on its way through a labyrinth, from the start to the goal.
+    """An agent moves through a labyrinth from the start to the goal.
 
     Actions: 0 up, 1 right, 2 down, 3 left. Rewards and ends of episodes are those of `dynamics`.
     An episode is truncated after `40 * width * height` steps.

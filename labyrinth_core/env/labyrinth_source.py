@@ -103,7 +103,7 @@ def sources_of(
     labyrinth: LabyrinthLike | None,
     labyrinths: Sequence[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
-    """Return a source for each sub-environment, or for each of `labyrinths` if there are more.
+    """Return a source for each sub-environment, or for each of `labyrinths` if those are more.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
@@ -144,10 +144,10 @@ def _as_cell(name: str, value: Any, height: int, width: int) -> int:
 
 
 def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
-    """Return the choice that equals `value`, or whose value as an enum member does.
+    """Return the choice that equals `value`, or the enum member whose value equals it.
 
     Raises:
-        ValueError: No choice does.
+        ValueError: No choice matches.
     """
     for choice in choices:
         if value in (choice, getattr(choice, "value", choice)):

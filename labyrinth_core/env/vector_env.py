@@ -91,10 +91,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             observation: `state` is the fastest; `vector` takes a few times as long; `image` draws.
             image_size: Pixels on each side of the image.
             labyrinth: A labyrinth for every episode of every sub-environment.
-            labyrinths: Fixed labyrinths, one per sub-environment, all of one size and task. Fewer
-                are assigned in turn, over and over. Of more, sub-environment i begins with number
-                i, or s + i after a reset with the seed s, and moves on by num_envs with every
-                episode, modulo their number.
+            labyrinths: Fixed labyrinths, one per sub-environment, all of one size and task. If
+                there are fewer, they are reused in turn. If there are more, sub-environment i
+                begins with labyrinth i, or s + i after a reset with the seed s, and moves on by
+                num_envs with every episode, modulo their number.
             reward: `default` or `normalised`.
             max_episode_steps: A limit below `40 * width * height` steps.
             autoreset_mode: When a sub-environment begins its next episode: `NEXT_STEP`, at the step

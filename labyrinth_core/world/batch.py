@@ -70,7 +70,7 @@ class Structures:
 
 @dataclass(frozen=True, eq=False)
 class Labyrinths:
-    """n labyrinths of one size, task and look, in none of which two tiles share a cell.
+    """n labyrinths of one size, task and look; no two tiles of a labyrinth share a cell.
 
     States are numbered as in `dynamics.state_index`.
     """
