@@ -164,8 +164,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
                 changes if the labyrinth has another size or task.
 
         Raises:
-            ValueError: The seed or an option has a value that is not allowed, or an option is
-                unknown.
+            ValueError: The seed or the value of an option is not allowed, or an option is unknown.
         """
         super().reset(seed=None if seed is None else whole("seed", seed, 0))
         options = dict(options or {})

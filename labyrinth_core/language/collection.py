@@ -1,7 +1,6 @@
 """Read labyrinths from files of other programs: texts and arrays, in one file or a folder.
 
-Nothing in a file is evaluated or unpickled. A labyrinth that cannot be read is reported with its
-place, and reading goes on with the next.
+Files are never evaluated or unpickled. A labyrinth that cannot be read is reported and skipped.
 """
 
 from __future__ import annotations
