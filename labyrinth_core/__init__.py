@@ -1,11 +1,10 @@
-"""Labyrinths for imitation learning: environments, datasets, and the evaluation of policies.
+"""Labyrinths for imitation learning: environments, datasets, and policy evaluation.
 
     from labyrinth_core import load_transitions
 
     transitions = load_transitions("data/labyrinth", "5x5", split="train")
 
-Public names are imported when they are first used, so that `import labyrinth_core` is quick and
-needs numpy alone.
+Each public name is imported on first use, so `import labyrinth_core` is fast and needs only NumPy.
 """
 
 from importlib import import_module
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.version import __version__ as __version__
 
-if TYPE_CHECKING:  # `as` tells type checkers that a name is public.
+if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.load import load_episodes as load_episodes
     from labyrinth_core.data.load import load_transitions as load_transitions
@@ -72,7 +71,7 @@ __all__ = [*_HOMES]
 
 
 def __getattr__(name: str) -> Any:
-    """Return a public name after importing its module (PEP 562)."""
+    """Import the module of a public name, and return the object (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

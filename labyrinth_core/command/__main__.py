@@ -8,10 +8,10 @@ from collections.abc import Sequence
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Return the exit status: 0, 1 for an error, which is explained, or 130 after Ctrl-C.
+    """Run a command and return its exit status: 0, 1 after an error message, or 130 after Ctrl-C.
 
     Args:
-        arguments: The command line after `labyrinth`; None for that of the process.
+        arguments: The command line after `labyrinth`; None for the process's own arguments.
     """
     try:
         return _run(arguments)
@@ -20,21 +20,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str] | None) -> int:
-    # Imported here: the user may press Ctrl-C at once.
+    # Imported here, so that Ctrl-C during the imports is handled, too.
     from labyrinth_core.command.arguments import ERRORS, explain, parser
     from labyrinth_core.language.source_text import escape_output
 
     escape_output()
     try:
         options = parser().parse_args(arguments)
-        from labyrinth_core.command.commands import COMMANDS  # Not for --help: it needs numpy.
+        from labyrinth_core.command.commands import COMMANDS  # Imports NumPy: not for --help.
 
         status = COMMANDS[options.command](options)
         sys.stdout.flush()
     except SystemExit as stop:  # From argparse, which has printed the reason.
         return int(stop.code or 0)
     except BrokenPipeError:
-        # The reader of the output has gone, so what is left in the buffer is discarded.
+        # The reader of the output is gone, so discard what is left in the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except ERRORS as error:

@@ -1,4 +1,4 @@
-"""The grammar of the command line, and the errors that a user of it can cause."""
+"""The parser of the command line, and the errors that its users can cause."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class RequestError(ValueError):
 
 
 ERRORS = (OSError, LabyrinthSyntaxError, LabyrinthError, RequestError)
-"""The errors that a user can cause."""
+"""The errors that a user can cause, which are shown without a traceback."""
 
 
 def explain(error: Exception) -> None:
@@ -82,7 +82,7 @@ def _file(suffix: str) -> Callable[[str], Path]:
 
 
 def parser() -> argparse.ArgumentParser:
-    """Return the parser of the command line; an error in it ends with exit status 1."""
+    """Return the parser of the command line, which exits with status 1 after an error."""
     parser = _Parser(
         prog="labyrinth",
         description="Check, show, solve, make and convert labyrinths in the text language.",
@@ -98,8 +98,8 @@ def parser() -> argparse.ArgumentParser:
         return added
 
     text = (
-        "Say of each file whether it holds a labyrinth. Mistakes are shown with line and column, "
-        "and the exit status is then 1."
+        "Check that each file holds a labyrinth. Errors are shown with line and column, and make "
+        "the exit status 1."
     )
     check = command("check", text)
     text = (
@@ -110,9 +110,8 @@ def parser() -> argparse.ArgumentParser:
     solve = command("solve", "Print a shortest route as the actions to take.")
     new = command("new", "Draw a random labyrinth and print its text.")
     text = (
-        "Print the text of a labyrinth that is given in another form. A file that ends in .npy "
-        "holds wall grids or mazes of maze-dataset; a folder holds several files; any other file "
-        "is a list of edges."
+        "Print a labyrinth in another format as text. A file that ends in .npy holds wall grids or "
+        "mazes of maze-dataset; a folder holds several files; any other file is a list of edges."
     )
     convert = command("convert", text)
 
@@ -120,7 +119,7 @@ def parser() -> argparse.ArgumentParser:
     check.add_argument("files", nargs="+", metavar="FILE", help=help_of_file)
     for each in (show, solve, convert):
         each.add_argument("file", metavar="FILE", help=help_of_file)
-    text = "settles where missing tiles of the task are placed (default: %(default)s)"
+    text = "determines where missing tiles of the task are placed (default: %(default)s)"
     for each in (check, show, solve):
         each.add_argument("--seed", type=_whole(0), default=0, metavar="N", help=text)
 
@@ -129,7 +128,7 @@ def parser() -> argparse.ArgumentParser:
     )
     show.add_argument("--solution", action="store_true", help="mark a shortest route")
 
-    text = "write a moving picture of a shortest route to this file"
+    text = "write an animation of a shortest route to this file"
     show.add_argument("--gif", type=_file(".gif"), metavar="OUT", help=text)
 
     solve.add_argument("--all", action="store_true", help="print every route without a loop")
@@ -140,7 +139,7 @@ def parser() -> argparse.ArgumentParser:
     new.add_argument("--size", type=_size, default=(5, 5), metavar="SIZE", help=text)
     text = f"one of {', '.join(Task)} (default: %(default)s)"
     new.add_argument("--task", type=_task, default=Task.NAVIGATION, metavar="TASK", help=text)
-    text = "makes the same labyrinth again (default: another one each time)"
+    text = "the same seed makes the same labyrinth (default: a random seed)"
     new.add_argument("--seed", type=_whole(0), metavar="N", help=text)
     text = "how the spanning tree is drawn: wilson, depth_first, kruskal or prim"
     text = f"{text} (default: %(default)s)"
@@ -149,7 +148,7 @@ def parser() -> argparse.ArgumentParser:
     new.add_argument("--open-walls", type=_probability, metavar="P", help=text)
 
     text = "height x width (default: the smallest square that has all the cells)"
-    text = f"of a list of edges: {text}"
+    text = f"for a list of edges: {text}"
     convert.add_argument("--size", type=_size, metavar="SIZE", help=text)
     text = "write a .labyrinth file for each labyrinth into this new folder, by split"
     convert.add_argument("--output", type=Path, metavar="FOLDER", help=text)

@@ -1,4 +1,4 @@
-"""What each command does: check, show, solve, new and convert."""
+"""The commands: check, show, solve, new and convert."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from labyrinth_core.world.solver import shortest_route, simple_routes
 from labyrinth_core.world.tasks import sample_labyrinth
 
 COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
-"""The colour of each character on a terminal, as parameters of the SGR sequence of ECMA-48."""
+"""The colour of each character on a terminal, as parameters of the SGR sequence (ECMA-48)."""
 
 
 def _read(file: str) -> tuple[str, str]:
@@ -94,7 +94,7 @@ def _in_colour() -> bool:
 
 
 def _pictured_side(labyrinth: Labyrinth) -> int:
-    """Return the longer side of a labyrinth in cells, which has to have room in a picture."""
+    """Return the longer side of a labyrinth in cells; raise RequestError if no picture fits it."""
     most = max(labyrinth.structure.height, labyrinth.structure.width)
     if most > MAX_PICTURED_SIDE:
         raise RequestError(
@@ -133,17 +133,17 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
 
 
 def _moving_picture(labyrinth: Labyrinth) -> bytes:
-    """Return a GIF file of a shortest route."""
+    """Return a GIF file that shows a shortest route."""
     _pictured_side(labyrinth)
     try:
         return gif([frames_of(_optimal(labyrinth))])
     except ImportError as error:
-        raise RequestError("a moving picture needs Pillow: pip install pillow") from error
+        raise RequestError("a GIF file needs Pillow: pip install pillow") from error
 
 
 def _solve(options: Namespace) -> int:
     if options.limit is not None and not options.all:
-        raise RequestError("--limit goes with --all")
+        raise RequestError("--limit needs --all")
     labyrinth = _load(options)
     routes = [_optimal(labyrinth).actions.tolist()]
     if options.all:
@@ -176,10 +176,10 @@ def _new(options: Namespace) -> int:
 def _convert(options: Namespace) -> int:
     if options.file != "-" and is_collection(Path(options.file)):
         if options.size is not None:
-            raise RequestError("--size goes with a list of edges")
+            raise RequestError("--size is only for lists of edges")
         return convert(Path(options.file), options.output)
     if options.output is not None:
-        raise RequestError(f"--output goes with folders, and files that end in {', '.join(KINDS)}")
+        raise RequestError(f"--output is only for folders and files that end in {', '.join(KINDS)}")
     height, width = options.size or (None, None)
     text, name = _read(options.file)
     sys.stdout.write(dump(parse_edges(text, height=height, width=width, file=name)))

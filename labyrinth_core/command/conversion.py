@@ -1,4 +1,4 @@
-"""Labyrinths in files of others, written as text: `labyrinth convert`."""
+"""`labyrinth convert` for arrays and folders: write their labyrinths as text."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 
 PROBLEMS_SHOWN = 10
-"""The largest number of problems that are printed."""
+"""The most problems to print."""
 
 
 def convert(source: Path, output: Path | None) -> int:
-    """Return the exit status: 1 if any labyrinth cannot be read, which is explained.
+    """Convert labyrinths, print each problem, and return the exit status: 1 if there was any.
 
     Args:
         source: The file or folder.
-        output: The folder, written completely or not at all; None to print the only labyrinth.
+        output: The new folder, written completely or not at all; None to print the only labyrinth.
 
     Raises:
-        RequestError: There is no labyrinth, or more than can be printed, or the folder exists.
+        RequestError: There is no labyrinth, or several but no `output`, or `output` is not new.
         OSError: A file cannot be read or written.
     """
     entries = _entries(source)
@@ -46,11 +46,11 @@ def convert(source: Path, output: Path | None) -> int:
 
 
 def _entries(source: Path) -> Iterator[tuple[str, str, str]]:
-    """Yield split, text and problem of each labyrinth; the text is empty if there is a problem."""
+    """Yield each labyrinth's split, text and problem; the text is empty if there is a problem."""
     for entry in read_collection(source):
         try:
             yield entry.split, _text(entry), entry.problem
-        except LabyrinthError as error:  # No route leads between the corners.
+        except LabyrinthError as error:  # No route joins the default start and goal.
             yield entry.split, "", f"{entry.place}: {error}"
 
 
@@ -65,8 +65,8 @@ def _text(entry: Entry) -> str:
 
 def _write(source: Path, entries: Iterator[tuple[str, str, str]], output: Path) -> int:
     if output.exists() or not output.parent.is_dir():
-        reason = "is there already" if output.exists() else "has no folder to lie in"
-        raise RequestError(f"--output {output}: it {reason}; name a new folder")
+        reason = "it already exists" if output.exists() else "its parent folder does not exist"
+        raise RequestError(f"--output {output}: {reason}; name a new folder")
     seen: Counter[str] = Counter()
     written: Counter[str] = Counter()
     problems = []
@@ -98,6 +98,4 @@ def _explain(problems: list[str]) -> None:
 
 
 def _nothing(source: Path) -> RequestError:
-    return RequestError(
-        f"{source}: no labyrinth in it can be read; files end in {', '.join(KINDS)}"
-    )
+    return RequestError(f"{source}: no readable labyrinth; files must end in {', '.join(KINDS)}")

@@ -1,8 +1,8 @@
-"""`LabyrinthEnv`: the labyrinth as a Gymnasium environment, a shell over `dynamics`.
+"""`LabyrinthEnv`: the labyrinth as a Gymnasium environment, a thin layer over `dynamics`.
 
     gymnasium.make("labyrinth_core.env:Labyrinth-v0", size=5, task="key_and_door")
 
-`vector_env` steps many of them at once.
+`vector_env` steps many labyrinths at once.
 """
 
 from __future__ import annotations
@@ -42,28 +42,28 @@ if TYPE_CHECKING:
 REWARDS = ("default", "normalised")
 RENDER_MODES = ("rgb_array", "human", "ansi")
 SHOWN_HERE = [mode for mode in RENDER_MODES if mode != "human" or find_spec("pygame")]
-"""The modes that this machine has, as a window needs pygame; Gymnasium's checker tries each."""
+"""The modes available here, as a window needs pygame; Gymnasium's checker tries each of them."""
 
 
 class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
-    """An agent on its way through a labyrinth, from the start to the goal.
+    """An agent moves through a labyrinth from the start to the goal.
 
     Actions: 0 up, 1 right, 2 down, 3 left. Rewards and ends of episodes are those of `dynamics`.
     An episode is truncated after `40 * width * height` steps.
 
-    Each `reset` samples a fresh labyrinth, unless one was given to keep. All randomness comes
-    from `np_random`, so a seed determines the labyrinth and those of all later episodes.
+    Each `reset` samples a new labyrinth, unless the constructor was given one. All randomness comes
+    from `np_random`, so a seed determines this labyrinth and the labyrinths of all later episodes.
 
     The `info` of `reset` and `step` describes the state that the agent is in now:
 
     - `labyrinth_id`: sixteen hexadecimal digits, the same on every machine.
-    - `labyrinth`: the text from which `language.parse` makes the same labyrinth.
-    - `optimal_actions`: which actions begin a shortest route to the goal, bool, shape (4,); none
-      at the goal, on ice, or where no route leads to the goal.
-    - `distance`: the least number of moves to the goal, -1 where no route leads there.
+    - `labyrinth`: the text from which `labyrinth_core.parse` makes the same labyrinth.
+    - `optimal_actions`: which actions begin a shortest route to the goal, bool, shape (4,); all
+      False at the goal, on ice, or if no route leads to the goal.
+    - `distance`: the least number of moves to the goal, -1 if no route leads there.
     - `is_success`: whether the agent is on the goal, bool.
 
-    A copy of an environment in the middle of an episode goes on from there, and shows no window.
+    A copy of an environment in the middle of an episode continues from there, and shows no window.
     """
 
     metadata: dict[str, Any] = {"render_modes": SHOWN_HERE, "render_fps": 10}  # noqa: RUF012
@@ -86,22 +86,22 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         Args:
             size: Rows and columns, as `5`, `"4x6"` or `(4, 6)`, height first.
             task: A `Task` or its name.
-            observation: `image`, as `renderer.render` draws it; `vector`, as
-                `vector.vector_observation` has it; or `state`, the number of the state in
-                `dynamics`, which tells nothing of the walls: for tables on one labyrinth.
+            observation: `image`, as `renderer.render` draws it; `vector`, as in
+                `vector.vector_observation`; or `state`, the index of the state in `dynamics`, which
+                says nothing about the walls: for tabular methods on one labyrinth.
             image_size: Pixels on each side of the image.
-            labyrinth: A labyrinth to keep for every episode: its text, the path of a file, or a
-                `Labyrinth`. It has its own size and task.
-            reward: `default`, or `normalised`: the goal pays so much that an optimal episode
-                returns exactly 1.
-            max_episode_steps: A limit below `40 * width * height` steps. The argument of that
-                name to `gymnasium.make` does the same, by a wrapper. Neither makes episodes
+            labyrinth: A labyrinth for every episode: its text, the path of a file, or a
+                `Labyrinth`. Its size and task replace `size` and `task`.
+            reward: `default`, or `normalised`: the reward of the goal is raised so that an optimal
+                episode returns exactly 1.
+            max_episode_steps: A limit below `40 * width * height` steps. The argument of the same
+                name of `gymnasium.make` has the same effect, by a wrapper. Neither makes episodes
                 longer.
             render_mode: `rgb_array` (600 x 600 x 3), `human` (a window, updated at every step),
-                or `ansi` (the drawing as text, `@` the agent).
+                or `ansi` (the drawing as text, with `@` for the agent).
 
         Raises:
-            ValueError: An argument has a value that is impossible.
+            ValueError: An argument has a value that is not allowed.
         """
         self.source = LabyrinthSource.of(size, task, labyrinth)
         self._observer = Observer(observation, image_size)
@@ -119,13 +119,13 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         self._over = True
 
     def __getstate__(self) -> dict[str, Any]:
-        # A window cannot be copied, and one that a copy draws in or closes would be this one's.
+        # A window cannot be copied, and a copy must not draw in or close this one.
         shown = self.render_mode == "human"
         return vars(self) | {"_window": None, "render_mode": None if shown else self.render_mode}
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make` makes this environment again from; None without `make`."""
+        """The specification to recreate this environment; None if not made by `gymnasium.make`."""
         return self._spec
 
     @spec.setter
@@ -157,15 +157,14 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
 
         Args:
             seed: Determines this labyrinth and, without further seeds, all later ones.
-            options: For this episode only: `labyrinth` (as in the constructor), `task`, `start`
-                and `goal` (each `(row, column)`, row 0 at the bottom). If task, start or goal
-                differ from the labyrinth's own, the tiles of its task are placed anew. The
-                observation space changes if the labyrinth has another size or task. Besides,
-                `max_episode_steps`, a limit for this episode instead of the constructor's.
+            options: For this episode only: `labyrinth` (as in the constructor); `task`; `start`
+                and `goal` (each `(row, column)`, row 0 at the bottom); and `max_episode_steps`,
+                which replaces the constructor's limit. If task, start or goal differ from the
+                labyrinth's own, the tiles of its task are placed anew. The observation space
+                changes if the labyrinth has another size or task.
 
         Raises:
-            ValueError: The seed or an option has a value that is impossible, or there is no such
-                option.
+            ValueError: The seed or the value of an option is not allowed, or an option is unknown.
         """
         super().reset(seed=None if seed is None else whole("seed", seed, 0))
         options = dict(options or {})
@@ -193,7 +192,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         self._id = labyrinth_id(self._text)
         self._initial = tables.initial
         self._optimal_actions = tables.optimal_actions
-        # Lists: reading one item of an array takes several times as long.
+        # Lists, since reading one item of an array takes several times as long.
         self._transitions: list[list[int]] = tables.transitions.tolist()
         self._rewards: list[float] = tables.rewards.tolist()
         self._terminal: list[bool] = tables.terminal.tolist()
@@ -229,7 +228,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         }
 
     def render(self) -> NDArray[np.uint8] | str | None:
-        """Return the picture, 600 x 600 x 3, or the drawing as text; or show it in a window.
+        """Return the image, 600 x 600 x 3, or the drawing as text; or show it in a window.
 
         Raises:
             ResetNeeded: There is no labyrinth yet.
@@ -264,14 +263,14 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         return self._window
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the window, if one is open."""
         if self._window is not None:
             self._window.close()
             self._window = None
 
 
 def _checked(action: int | np.int64) -> int:
-    """Return an action of any integer type as a plain number."""
+    """Return an action of any integer type as a Python int."""
     try:
         number = index(action)
     except TypeError:

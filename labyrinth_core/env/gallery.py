@@ -1,9 +1,9 @@
-"""The pictures of many labyrinths, of which only what changes is drawn.
+"""Cache the pictures of many labyrinths, so that a step draws only what changes.
 
-Of each labyrinth the picture without the agent is kept, and the patches that show the agent in each
-of its cells, so that a step copies the picture and puts a patch into it, or exchanges two patches
-in place. Under partial observability more than a patch changes: there the picture with the agent is
-kept, and drawn anew when the agent has moved.
+For each labyrinth the gallery keeps the picture without the agent, and the patches that show the
+agent in each cell. A step copies the picture and pastes a patch, or exchanges two patches in place.
+Under partial observability more than a patch changes, so the gallery keeps the picture with the
+agent, and redraws it when the agent moves.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from labyrinth_core.world.labyrinth import Task
 class Gallery:
     """The pictures of a number of labyrinths of one size and task.
 
-    It keeps the first of them, as many as its memory holds; of the others all is drawn every time.
+    It caches the first ones, as many as its memory holds; the others are redrawn every time.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class Gallery:
             shape: Their size and task.
             image_size: Pixels on each side of a picture.
             memory: The most bytes to keep.
-            copy: Whether `pictures` returns a new array, instead of the same one each time.
+            copy: Whether `pictures` returns a new array each time, not always the same one.
 
         Raises:
             ValueError: The labyrinths are too large for every wall to have a pixel.
@@ -62,13 +62,13 @@ class Gallery:
         self._patches = np.empty((kept, patches, reach, reach, 3), np.uint8)
         self._corners = np.zeros((len(LOOKS), 2, self._cells), np.intp)
         self._drawn = np.full(kept, -1, np.int64)
-        """What is kept: the number of the state if cells are hidden, else what became of the key
-        and the door, as `state_index` counts it; -1 for nothing."""
+        """What each cached picture shows: the index of the state if cells are hidden, else 0, or 1
+        with the key, or 2 with the door open; -1 for no picture."""
         self._covered: tuple[Corners, Pictures] | None = None
-        """What is under the patches that are shown, if they are put in place."""
+        """The pixels under the patches now shown, if patches are exchanged in place."""
 
     def forget(self, places: Numbers) -> None:
-        """Forget the labyrinths in some places, since others are there now."""
+        """Forget the labyrinths in some places, which have been replaced."""
         self._drawn[places[places < self._kept]] = -1
 
     def pictures(self, stack: Stack) -> Pictures:
@@ -101,7 +101,7 @@ class Gallery:
             yield look, style_for(LOOKS[look], *self._shape[:2]), places[looks == look]
 
     def _draw(self, stack: Stack, places: Numbers) -> Pictures:
-        """Return the pictures of the labyrinths in some places, drawn anew."""
+        """Draw the pictures of the labyrinths in some places, without the cache."""
         pictures = np.empty((len(places), *self._shown.shape[1:]), np.uint8)
         for _, style, alike in self._alike(stack, places):
             pictures[np.isin(places, alike)] = draw_states(
@@ -116,7 +116,7 @@ class Gallery:
         return pictures
 
     def _renew(self, stack: Stack, needed: Numbers) -> None:
-        """Draw what is needed, and not what is kept; see `_drawn`."""
+        """Draw the pictures that are needed but not cached; see `_drawn`."""
         stale = np.flatnonzero(self._drawn != needed)
         if not len(stale):
             return

@@ -1,4 +1,4 @@
-"""The source of an environment's labyrinths, and the values that its arguments may have."""
+"""Where an environment's labyrinths come from, and the checks of its arguments."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ class LabyrinthSource(NamedTuple):
     """The labyrinth of every episode; None to sample one for each."""
 
     def plainly(self) -> dict[str, Any]:
-        """Return the arguments that give this source again, as texts."""
+        """Return the arguments that recreate this source, as strings."""
         height, width, task = self.shape
         labyrinth = None if self.kept is None else dump(self.kept)
         return {"size": f"{height}x{width}", "task": str(task), "labyrinth": labyrinth}
 
     @classmethod
     def of(cls, size: Size, task: Task | str, kept: LabyrinthLike | None) -> LabyrinthSource:
-        """Return the source of labyrinths of a size and task, or of one that is kept.
+        """Return the source of random labyrinths of a size and task, or of a fixed labyrinth.
 
         Raises:
-            ValueError: An argument has a value that is impossible.
+            ValueError: An argument has a value that is not allowed.
         """
         if kept is None:
             written = "x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size)
@@ -68,7 +68,7 @@ class LabyrinthSource(NamedTuple):
         """Return the labyrinth of the next episode, with the options of `LabyrinthEnv.reset`.
 
         Raises:
-            ValueError: An option has no such name, or a value that is impossible.
+            ValueError: An option is unknown, or has a value that is not allowed.
         """
         options = {name: value for name, value in (options or {}).items() if value is not None}
         for name in options:
@@ -103,10 +103,10 @@ def sources_of(
     labyrinth: LabyrinthLike | None,
     labyrinths: Sequence[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
-    """Return the source of each sub-environment's labyrinths, or those of more labyrinths.
+    """Return a source for each sub-environment, or for each of `labyrinths` if those are more.
 
     Raises:
-        ValueError: An argument has a value that is impossible.
+        ValueError: An argument has a value that is not allowed.
     """
     if labyrinths is None:
         return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
@@ -122,7 +122,7 @@ def sources_of(
 
 
 def check_shape(labyrinth: Labyrinth, shape: Shape) -> None:
-    """Raise ValueError if a labyrinth is not of the size and task of a vector environment."""
+    """Raise ValueError if a labyrinth does not have the shape of its vector environment."""
     if Shape.of(labyrinth) != shape:
         raise ValueError(
             f"all labyrinths of a vector environment have one size and task: here "
@@ -144,10 +144,10 @@ def _as_cell(name: str, value: Any, height: int, width: int) -> int:
 
 
 def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
-    """Return the choice that an argument names, by itself or by the value of an enum's member.
+    """Return the choice that equals `value`, or the enum member whose value equals it.
 
     Raises:
-        ValueError: It names none of them.
+        ValueError: No choice matches.
     """
     for choice in choices:
         if value in (choice, getattr(choice, "value", choice)):
@@ -157,7 +157,7 @@ def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
 
 
 def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
-    """Return a labyrinth given as such, as its text, or as the path of a file.
+    """Return a labyrinth given as a `Labyrinth`, as its text, or as the path of a file.
 
     A string without a line break is a path. Tiles that a text leaves out are always placed in
     the same way.
@@ -178,10 +178,10 @@ def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:
 
 
 def checked_seeds(seed: object, num_envs: int) -> list[int | None]:
-    """Return the seed of each sub-environment, given one for each or the first; None for none.
+    """Return the seed of each sub-environment, given a sequence of seeds, the first one, or None.
 
     Raises:
-        ValueError: A seed is not a whole number from 0 on, or there are too few or too many.
+        ValueError: A seed is not a non-negative integer, or there are too few or too many seeds.
     """
     if seed is None:
         return [None] * num_envs
@@ -194,10 +194,10 @@ def checked_seeds(seed: object, num_envs: int) -> list[int | None]:
 
 
 def checked_mask(mask: object, num_envs: int) -> NDArray[np.bool_]:
-    """Return the mask of the sub-environments that begin an episode: all if it is None.
+    """Return a copy of the mask of sub-environments that begin an episode; None selects all.
 
     Raises:
-        ValueError: The mask is not an array of booleans for them, or selects none.
+        ValueError: The mask is not a boolean array with an entry for each, or selects none.
     """
     shape = (num_envs,)
     if mask is None:
@@ -213,7 +213,7 @@ def step_limit(cells: int, max_episode_steps: int | None) -> int:
     """Return the number of steps after which an episode in a labyrinth is truncated.
 
     Raises:
-        ValueError: `max_episode_steps`, a limit that may be lower, is no whole number from 1 on.
+        ValueError: `max_episode_steps`, which can lower the limit, is not a positive integer.
     """
     if max_episode_steps is None:
         return STEP_LIMIT * cells
@@ -221,11 +221,11 @@ def step_limit(cells: int, max_episode_steps: int | None) -> int:
 
 
 def write_plainly(spec: EnvSpec | None, values: Mapping[str, Any], limit: int) -> EnvSpec | None:
-    """Return the specification of an environment in plain values, so that it has a JSON form.
+    """Return an environment's specification with plain values, which can be written as JSON.
 
     Args:
-        spec: What Gymnasium made of the arguments.
-        values: The values of arguments by name, as texts and numbers of Python's.
+        spec: The specification that Gymnasium made.
+        values: The values of arguments by name, as Python strings and numbers.
         limit: The number of steps after which an episode is truncated.
     """
     if spec is None:

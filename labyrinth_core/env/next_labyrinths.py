@@ -1,7 +1,7 @@
-"""The next labyrinth of many sub-environments, drawn for hundreds of them together.
+"""Sample the next labyrinths of hundreds of sub-environments together.
 
-One at a time, a labyrinth takes ten times as long. Each still comes from the generator of its
-sub-environment, and is the one that a single environment draws from it.
+Sampling them one at a time takes ten times as long. Each labyrinth still comes from the generator
+of its sub-environment, and is the one that a single environment would draw.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.tasks import default_start_and_goal
 
 FEWEST = 128
-"""The number of sub-environments from which on this takes less time."""
+"""The fewest sub-environments for which sampling together is faster."""
 
 
 class NextLabyrinths:
-    """At most one labyrinth for each sub-environment, fresh ones of one size, without tiles."""
+    """Holds up to one fresh labyrinth per sub-environment, all of one size, without tiles."""
 
     def __init__(self, count: int, shape: Shape, *, normalised: bool) -> None:
         """Make room for the labyrinths of `count` sub-environments.
@@ -33,20 +33,20 @@ class NextLabyrinths:
         Args:
             count: The number of sub-environments.
             shape: Size and task of all labyrinths.
-            normalised: As in `state_tables.tabulate`.
+            normalised: As in `batch.tabulate`.
         """
         self._shape, self._normalised = shape, normalised
         self._stack = Stack(count, *shape)
         self._there = np.zeros(count, np.bool_)
         self._left_out = np.zeros(count, np.bool_)
-        """Whether the labyrinth is one that has to be drawn alone; it is not tried again."""
+        """Whether this labyrinth cannot be batched and is sampled alone."""
         self._before: list[Any] = [None] * count
-        """The state that each generator was in when the labyrinth was drawn."""
+        """The state of each generator before its labyrinth was drawn."""
         self._enough = 8 * isqrt(count)
 
     @staticmethod
     def pay(count: int, shape: Shape) -> bool:
-        """Return whether `count` labyrinths of a shape can be drawn together, in less time."""
+        """Return whether `count` labyrinths of a shape can be sampled together, and faster."""
         without_tiles = shape.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
         return without_tiles and count >= FEWEST and shape.height * shape.width <= WORD
 
@@ -60,11 +60,11 @@ class NextLabyrinths:
 
         Args:
             stack: The stack of the sub-environments.
-            places: Which of them begin an episode.
+            places: The sub-environments that begin an episode.
             generator: Returns the generator of a sub-environment.
 
         Returns:
-            The places for which none was drawn; their generators are ready to draw it.
+            The places left without a labyrinth; their generators are ready to draw it.
         """
         if not self._there[places].all():
             empty = np.flatnonzero(~(self._there | self._left_out))
@@ -95,7 +95,7 @@ class NextLabyrinths:
 
         Args:
             place: The number of the sub-environment.
-            generator: Its generator, which goes back to where it was; None if it has a new one.
+            generator: Its generator, whose state is restored; None if it has been replaced.
         """
         if self._there[place] and generator is not None:
             generator.bit_generator.state = self._before[place]

@@ -1,4 +1,4 @@
-"""Observations: a picture of a state, its vector form, or its number."""
+"""Observations of a state: its image, its vector, or its index."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ Kind = Literal["image", "vector", "state"]
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64
 CACHE_BYTES = 16 * 1024 * 1024
-"""Memory for pictures and vectors that may be observed again."""
+"""The memory of an observer's cache of pictures and vectors."""
 TOGETHER, TOGETHER_BYTES = 32, 2**21
-"""How many neighbouring states are drawn together, and the most bytes of their pictures."""
+"""How many consecutive states are drawn together, and the most bytes of their pictures."""
 
 
 class Observer:
-    """Turns states into observations of one kind, each an array of its own.
+    """Turns states into observations of one kind, each a new array.
 
     Raises:
-        ValueError: There is no such kind, or no picture of such a size.
+        ValueError: The kind or the image size is not allowed.
     """
 
     def __init__(self, kind: Kind, image_size: int) -> None:
@@ -42,18 +42,18 @@ class Observer:
             self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self.image_size**2)))
         self._cached: Callable[[Labyrinth, int], Array] | None = None
         self._latest: tuple[Labyrinth | None, int, Any] = None, 0, None
-        """A labyrinth, the number of a block of its states, and their observations."""
+        """The latest labyrinth, the index of a block of its states, and their observations."""
 
     def __getstate__(self) -> dict[str, Any]:
-        # A cache cannot be pickled, and fills up again.
+        # The cache cannot be pickled; it refills.
         return vars(self) | {"_cached": None, "_latest": (None, 0, None)}
 
     def space(self, height: int, width: int, task: Task) -> Space[Any]:
-        """Return the space of the observations of labyrinths of a size and task.
+        """Return the observation space for labyrinths of a size and task.
 
         - `image`: `Box(0, 255, (image_size, image_size, 3), uint8)`, rows from the top.
-        - `vector`: `Box`, int32, as `vector.vector_observation` has it, with bounds for each entry.
-        - `state`: `Discrete(states)`, the number that `dynamics.state_index` gives a state.
+        - `vector`: `Box`, int32, as in `vector.vector_observation`, with bounds for each entry.
+        - `state`: `Discrete(states)`, the index that `dynamics.state_index` gives a state.
         """
         if self.kind == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
@@ -67,7 +67,7 @@ class Observer:
         return Box(low, high, dtype=np.int32)
 
     def observe(self, labyrinth: Labyrinth, state: int) -> Observation:
-        """Return the observation of the state with a number."""
+        """Return the observation of the state with the given index."""
         if self.kind == "state":
             number: np.int64 = np.int64(state)
             return number
@@ -75,7 +75,7 @@ class Observer:
             size: int = self._draw(labyrinth, 0).nbytes
             self._cached = lru_cache(max(CACHE_BYTES // size, 2))(self._draw)
         block, place = divmod(state, self._together)
-        if labyrinth is not self._latest[0] or block != self._latest[1]:  # To hash takes longer.
+        if labyrinth is not self._latest[0] or block != self._latest[1]:  # Hashing takes longer.
             self._latest = labyrinth, block, self._cached(labyrinth, block)
         observation: Array = self._latest[2][place].copy()
         return observation
@@ -87,7 +87,7 @@ class Observer:
         return drawn
 
     def batch(self, shown: Sequence[tuple[Labyrinth, int]]) -> NDArray[Any]:
-        """Return the observations of some states of labyrinths, given by number; N rows."""
+        """Return the observations of N pairs of a labyrinth and a state index, as N rows."""
         if self.kind == "state":
             return np.array([number for _, number in shown])
         views = [(labyrinth, state_at(labyrinth, number)) for labyrinth, number in shown]

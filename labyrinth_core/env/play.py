@@ -1,4 +1,4 @@
-"""Playing a labyrinth by hand, in a window."""
+"""Play labyrinths by hand, in a window."""
 
 from __future__ import annotations
 

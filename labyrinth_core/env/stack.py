@@ -1,7 +1,7 @@
-"""The tables of many labyrinths of one size and task in one array each, and every agent's state.
+"""The tables of many labyrinths of one size and task, stacked in arrays, and the agents' states.
 
-A state has a number within its labyrinth, and one in the whole stack. The tables hold the latter,
-so that a step of all agents is one look-up instead of a loop.
+A state has an index within its labyrinth and an index in the whole stack. The tables hold the
+latter, so a step of all agents is one look-up instead of a loop.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ class Stack:
         self._height, self._width, self._task = height, width, task
         states = height * width * (3 if task is Task.KEY_AND_DOOR else 1)
         self.labyrinths: list[Labyrinth | None] = [None] * count
-        """The labyrinth in each place; None where none was loaded, or `at` has not been asked."""
+        """The labyrinth in each place; None if not loaded, or if `at` has yet to parse its text."""
         self._first = np.arange(count, dtype=np.int64) * states
-        """The number of the first state of each labyrinth."""
+        """The index in the stack of each labyrinth's first state."""
         self._initial = self._first.copy()
         self._now = self._first.copy()
         self._transitions = np.zeros((count, states, 4), np.int64)
@@ -48,12 +48,12 @@ class Stack:
         self._names = np.full((2, count), None, object)
         """The id and the text of each labyrinth."""
         self._shared_names: NDArray[np.object_] | None = None
-        """A read-only copy for the infos, made anew when a labyrinth has changed."""
+        """A read-only copy for the infos, renewed when a labyrinth has changed."""
         entries = (2 * height - 1) * (2 * width - 1)
         self.initial_vectors = np.zeros((count, tile_count(task) + entries), np.int32)
         """The `vector.initial_vector` of each labyrinth."""
         self.looks = np.zeros(count, np.intp)
-        """The look of each labyrinth, by its place in `LOOKS`."""
+        """The look of each labyrinth, as an index of `LOOKS`."""
 
     def load(self, place: int, labyrinth: Labyrinth, tables: Tables) -> None:
         """Put a labyrinth into a place."""
@@ -68,7 +68,7 @@ class Stack:
         ends: tuple[int, int],
         tables: Tables,
     ) -> None:
-        """Put labyrinths without tiles, which share start and goal, into as many places."""
+        """Put labyrinths without tiles, all with the same start and goal, into the given places."""
         vectors = initial_vectors(structures, np.tile(ends, (len(places), 1)))
         self._load(places, tables, dump_many(structures, *ends, self._task), vectors, Look.PLAIN)
 
@@ -93,7 +93,7 @@ class Stack:
         self._changed(places)
 
     def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:
-        """Put the labyrinths that are in some places of another stack into the same places here."""
+        """Copy the labyrinths in some places of another stack into the same places here."""
         for ours, theirs in zip(self._arrays(), other._arrays(), strict=True):
             ours[places] = theirs[places]
         self._names[:, places] = other._names[:, places]
@@ -110,14 +110,14 @@ class Stack:
         self._shared_names = None
 
     def at(self, place: int) -> tuple[Labyrinth, int]:
-        """Return the labyrinth in a place, and the number of its state."""
+        """Return the labyrinth in a place, and the index of its state within it."""
         labyrinth = self.labyrinths[place]
         if labyrinth is None:
             self.labyrinths[place] = labyrinth = parse(self._names[1, place])
         return labyrinth, int(self._now[place] - self._first[place])
 
     def restart(self, mask: NDArray[np.bool_]) -> None:
-        """Put the agents of a mask into their initial states."""
+        """Reset the agents of a mask to their initial states."""
         np.copyto(self._now, self._initial, where=mask)
 
     def step(self, actions: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -126,15 +126,15 @@ class Stack:
         return self._rewards.ravel().take(self._now), self._terminal.ravel().take(self._now)
 
     def states(self) -> NDArray[np.int64]:
-        """Return the number of each state within its labyrinth, shape (count,)."""
+        """Return the index of each agent's state within its labyrinth, shape (count,)."""
         states: NDArray[np.int64] = self._now - self._first
         return states
 
     def infos(self) -> dict[str, NDArray[Any]]:
-        """Return the infos of all environments by name; arrays of count rows.
+        """Return the infos of all environments by name, as arrays of `count` rows.
 
-        The arrays of strings are read-only and remain the same until a labyrinth changes, since
-        copying them would touch every string. The others are new.
+        The string arrays are read-only and reused until a labyrinth changes, since copying them
+        would touch every string. The other arrays are new.
         """
         if self._shared_names is None:
             self._shared_names = self._names.copy()
@@ -149,7 +149,7 @@ class Stack:
         }
 
     def vectors(self) -> VectorArray:
-        """Return `vector.vector_observation` of each, shape (count, length), a new array."""
+        """Return `vector.vector_observation` of each agent, a new array, shape (count, length)."""
         vectors: VectorArray = self.initial_vectors.copy()
         hides = self._task is Task.PARTIAL_OBSERVABILITY
         visible = self.visible() if hides else None
@@ -157,7 +157,7 @@ class Stack:
         return vectors
 
     def visible(self) -> NDArray[np.bool_]:
-        """Return `visibility.visible_from` for each agent, shape (count, height, width)."""
+        """Return `dynamics.visible_from` for each agent, shape (count, height, width)."""
         side = max(self._height, self._width)
         seen = seen_together(self._transitions.reshape(-1, 4), self._now, side)
         return seen.reshape(-1, self._height, self._width)

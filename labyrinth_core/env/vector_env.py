@@ -1,8 +1,8 @@
-"""`LabyrinthVectorEnv`: thousands of labyrinths at once, each step a few look-ups in arrays.
+"""`LabyrinthVectorEnv` steps thousands of labyrinths at once, with a few array look-ups per step.
 
     gymnasium.make_vec("labyrinth_core.env:Labyrinth-v0", num_envs=1000, observation="state")
 
-Each sub-environment gives exactly what a `LabyrinthEnv` in Gymnasium's `SyncVectorEnv` gives.
+Each sub-environment behaves exactly like a `LabyrinthEnv` in Gymnasium's `SyncVectorEnv`.
 """
 
 from __future__ import annotations
@@ -50,16 +50,16 @@ Frame = NDArray[np.uint8] | str
 
 RENDER_MODES = ("rgb_array", "ansi", "rgb_array_list", "ansi_list")
 PICTURE_MEMORY = 2**30
-"""The bytes for pictures that are kept by default; it holds 50,000 labyrinths of 5x5 at 64 x 64."""
+"""The default memory for cached pictures in bytes: room for 50,000 labyrinths of 5x5 at 64 x 64."""
 
 
 class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     """Many labyrinths of one size and task.
 
     Observations, rewards, ends and infos are those of `LabyrinthEnv`, batched as Gymnasium's
-    `SyncVectorEnv` batches them; sub-environment i of a vector seeded with s is a `LabyrinthEnv`
-    seeded with s + i. The caller may keep and change the arrays returned, except pictures with
-    `copy=False`, and except that those of strings in the infos are read-only, and the same ones
+    `SyncVectorEnv` batches them. Sub-environment i of a vector seeded with s equals a
+    `LabyrinthEnv` seeded with s + i. The caller may keep and change the returned arrays, except
+    pictures with `copy=False`, and the string arrays in the infos, which are read-only and reused
     until a labyrinth changes.
     """
 
@@ -87,35 +87,35 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         Args:
             num_envs: The number of sub-environments.
             size: As in `LabyrinthEnv`, like all arguments that are not explained here.
-            task: The task of all.
-            observation: `state` is the fastest, `vector` takes some times as long; `image` draws.
+            task: The task of all sub-environments.
+            observation: `state` is the fastest; `vector` takes a few times as long; `image` draws.
             image_size: Pixels on each side of the image.
-            labyrinth: A labyrinth that all keep for every episode.
-            labyrinths: Labyrinths to keep, one for each sub-environment, all of one size and
-                task. If they are fewer, they are dealt out in turn. If they are more,
-                sub-environment i begins in number i, or in s + i after a reset with the seed s,
-                and each later episode is num_envs further on, modulo their number.
+            labyrinth: A labyrinth for every episode of every sub-environment.
+            labyrinths: Fixed labyrinths, one per sub-environment, all of one size and task. If
+                there are fewer, they are reused in turn. If there are more, sub-environment i
+                begins with labyrinth i, or s + i after a reset with the seed s, and moves on by
+                num_envs with every episode, modulo their number.
             reward: `default` or `normalised`.
             max_episode_steps: A limit below `40 * width * height` steps.
-            autoreset_mode: When a sub-environment begins its next episode: at the step after the
-                last of an episode, in that same step, or never by itself.
-            render_mode: What `render` returns for each: `rgb_array` or `ansi`, or `rgb_array_list`
-                or `ansi_list` for all of the episode since the last call.
-            copy: Whether each step returns pictures in an array of its own. Otherwise it is always
-                the same, read-only array, which the next step changes.
-            picture_memory: The most bytes for pictures that are kept to be changed, some 20 KB
-                for each sub-environment of 5x5 at 64 x 64. Sub-environments for which there is no
-                room are drawn anew at every step. The arrays that are returned do not count.
+            autoreset_mode: When a sub-environment begins its next episode: `NEXT_STEP`, at the step
+                after the last of an episode; `SAME_STEP`, in that step; `DISABLED`, at `reset`.
+            render_mode: What `render` returns for each: `rgb_array` or `ansi`; or `rgb_array_list`
+                or `ansi_list`, all frames of the episode since the last call.
+            copy: Whether each step returns a new array of pictures. Otherwise all steps return the
+                same read-only array, which the next step changes.
+            picture_memory: The most bytes for cached pictures, about 20 KB for each sub-environment
+                of 5x5 at 64 x 64. Sub-environments that do not fit are redrawn at every step. The
+                returned arrays do not count.
 
         Raises:
-            ValueError: An argument has a value that is impossible.
+            ValueError: An argument has a value that is not allowed.
         """
         num_envs = whole("num_envs", num_envs, 1)
         if render_mode is not None:
             chosen("render_mode", render_mode, RENDER_MODES)
         self.num_envs = num_envs
         self._frames: list[list[Frame]] | None = None
-        """The frames of each that are not rendered yet, if the mode is one of lists."""
+        """The frames of each since the last `render`, if the mode is a list mode."""
         if render_mode is not None and render_mode.endswith("_list"):
             self._frames = [[] for _ in range(num_envs)]
         self.render_mode = render_mode
@@ -128,7 +128,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._sources = sources_of(num_envs, size, task, labyrinth, labyrinths)
         self._given = None if labyrinths is None else len(labyrinths)
         self._turns: NDArray[np.int64] | None = None
-        """The number of the labyrinth in which each begins its next episode, of more than those."""
+        """The number of each sub-environment's next labyrinth, if there are more labyrinths."""
         if len(self._sources) > num_envs:
             self._turns = np.arange(num_envs)
         self._shape = self._sources[0].shape
@@ -156,7 +156,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
     @property
     def spec(self) -> EnvSpec | None:
-        """What `gymnasium.make_vec` makes these environments again from; None without it."""
+        """The specification to recreate these environments; None if not made by `make_vec`."""
         return self._spec
 
     @spec.setter
@@ -173,11 +173,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             values |= {"labyrinth": None, "labyrinths": kept}
         self._spec = write_plainly(spec, values, self._limit)
 
-    @property  # type: ignore[misc]  # Read alone, as Gymnasium's own vectors have it.
+    @property  # type: ignore[misc]  # Read-only, as in Gymnasium's own vector environments.
     def np_random(self) -> tuple[np.random.Generator, ...]:  # type: ignore[override]
         """The generator of each sub-environment."""
         generators = tuple(map(self._generator, range(self.num_envs)))
-        if self._next is not None:  # Nothing is drawn ahead of a caller's own draws.
+        if self._next is not None:  # Undo what was drawn ahead, before the caller draws.
             for place, generator in enumerate(generators):
                 self._next.forget(place, generator)
         return generators
@@ -196,13 +196,14 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         """Begin an episode in every sub-environment, and return the observations and infos.
 
         Args:
-            seed: One for each, or one to which each adds its place; None keeps the generators.
-            options: As in `LabyrinthEnv.reset`, for all. In addition `reset_mask`, bool, shape
-                (num_envs,), selects those that begin an episode; the others stay as they are.
+            seed: A seed for each, or one to which each adds its index; None keeps the generators.
+            options: As in `LabyrinthEnv.reset`, for all, but without `max_episode_steps`. The mask
+                `reset_mask`, bool, shape (num_envs,), selects those that begin an episode; the
+                others stay as they are.
 
         Raises:
             ResetNeeded: The mask leaves out sub-environments that have not begun any episode.
-            ValueError: A seed, an option or the mask has a value that is impossible.
+            ValueError: A seed, an option or the mask has a value that is not allowed.
         """
         options = dict(options or {})
         mask = checked_mask(options.pop("reset_mask", None), self.num_envs)
@@ -225,7 +226,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         if self._next is not None and not options:
             begun = self._next.load(self._stack, begun, self._generator)
         places = begun.tolist()
-        # All are drawn before any is loaded, so that an impossible option changes nothing.
+        # Draw all before loading any, so that an invalid option changes nothing.
         drawn = [self._draw(place, options) for place in places]
         if self._turns is not None:
             self._turns[mask] += self.num_envs
@@ -270,8 +271,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         """Take an action in each, and return observations, rewards, ends and infos.
 
         Args:
-            actions: Whole numbers from 0 to 3, shape (num_envs,). The action of a sub-environment
-                that begins its next episode in this step is ignored.
+            actions: Integers from 0 to 3, shape (num_envs,). The action of a sub-environment that
+                begins its next episode in this step is ignored.
 
         Returns:
             Observations; rewards, float64; terminated and truncated, bool; infos. Each array has
@@ -342,7 +343,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         return self._gallery.pictures(self._stack)
 
     def _infos(self, mask: Mask | None = None) -> Infos:
-        """Return the infos of the sub-environments of a mask; the others' are empty."""
+        """Return the infos of the sub-environments of a mask; the others have empty infos."""
         found = self._stack.infos()
         masks = np.empty((len(found), self.num_envs), np.bool_)  # Faster than an array for each.
         masks[:] = True if mask is None else mask
@@ -353,9 +354,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         return infos
 
     def render(self) -> tuple[Any, ...] | None:
-        """Return the picture, 600 x 600 x 3, or the drawing of each sub-environment.
+        """Return the picture, 600 x 600 x 3, or the text drawing of each sub-environment.
 
-        If the mode is one of lists, return all of the episode since the last call, in a list each.
+        In a list mode, return a list for each: all frames of the episode since the last call.
 
         Raises:
             ResetNeeded: An episode has not begun.
@@ -370,7 +371,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         return tuple(frames)
 
     def _collect(self, mask: Mask | None = None) -> None:
-        """Keep the frames of the sub-environments of a mask, if the mode is one of lists."""
+        """Keep the frames of the sub-environments of a mask, if the mode is a list mode."""
         if self._frames is not None:
             for place, frames in enumerate(self._frames):
                 if mask is None or mask[place]:
@@ -384,7 +385,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
 
 
 def _only(values: Batch, mask: Mask) -> Batch:
-    """Return the values of a mask; the others are None for objects and zero for numbers."""
+    """Keep the values of a mask, and set the others to None for objects or zero for numbers."""
     only = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
     only[mask] = values[mask]
     return only

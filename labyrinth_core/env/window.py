@@ -1,4 +1,4 @@
-"""A window that shows pictures and reads keys; it needs pygame, so it is imported late."""
+"""A window that shows pictures and reads keys. Importing this module needs pygame."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Window:
         self._clock = pygame.time.Clock()
 
     def show(self, picture: NDArray[np.uint8], caption: str, fps: int | None = None) -> None:
-        """Show a picture, shape (side, side, 3), rows from the top; at most `fps` in a second."""
+        """Show a picture, shape (side, side, 3), rows from the top; at most `fps` per second."""
         surface = pygame.surfarray.make_surface(picture.transpose(1, 0, 2))
         screen = pygame.display.get_surface()
         if screen is None or screen.get_size() != surface.get_size():
@@ -46,9 +46,9 @@ class Window:
             self._clock.tick(fps)
 
     def pressed(self) -> Iterator[Action | None]:
-        """Yield the meanings of the keys pressed, until Q, Escape or the closing of the window.
+        """Yield the meaning of each key pressed, until Q, Escape or the window is closed.
 
-        An arrow key means an action; R means a new episode, for which None is yielded.
+        An arrow key yields its action; R, for a new episode, yields None.
         """
         while (event := pygame.event.wait()).type != pygame.QUIT:
             if event.type == pygame.KEYDOWN:

@@ -1,1 +1,1 @@
-"""The text language of labyrinths: parse, dump, its errors, edge lists, drawings."""
+"""The text language of labyrinths and other formats: parsing, dumping, drawing, syntax errors."""

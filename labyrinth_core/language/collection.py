@@ -1,7 +1,6 @@
-"""Labyrinths in files of others: texts and arrays, alone or in a folder.
+"""Read labyrinths from files of other programs: texts and arrays, in one file or a folder.
 
-Nothing in a file is evaluated or unpickled. Each labyrinth that cannot be read is reported with its
-place, and the others are read.
+Files are never evaluated or unpickled. A labyrinth that cannot be read is reported and skipped.
 """
 
 from __future__ import annotations
@@ -23,37 +22,37 @@ from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
 MAX_BYTES = 1 << 28
-"""The largest size of a file."""
+"""The largest file size."""
 
 KINDS = (".labyrinth", ".npy")
-"""The endings of the files that are read."""
+"""The suffixes of the files that are read."""
 ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
-"""The endings of files that have to be unpacked first."""
+"""The suffixes of archives, which have to be unpacked first."""
 
 
 class Entry(NamedTuple):
     """A labyrinth in a file, or the reason why it cannot be read."""
 
     split: str
-    """The split that it belongs to, a name that files and folders can have."""
+    """The split that it belongs to, a valid name for a file or folder."""
     place: str
     """The file, and the index in its array."""
     found: Labyrinth | Structure | None
     """A structure if start and goal are not marked; None if it cannot be read."""
     problem: str = ""
-    """Why it cannot be read, in a line that begins with the place."""
+    """Why it cannot be read, in one line that begins with the place."""
 
 
 def is_collection(path: Path) -> bool:
-    """Return whether `read_collection` reads a path, or says that it has to be unpacked."""
+    """Return whether a path is for `read_collection`: a folder, an array, a text or an archive."""
     return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
 
 
 def files_in(folder: Path) -> list[Path]:
-    """Return the files in a folder and in its sub-folders, in order; none if it does not exist.
+    """Return the files in a folder and its sub-folders, sorted; [] if it does not exist.
 
-    A name that begins with a dot hides a file, and a folder with all that is in it, such as `.git`
-    or the copies in `.ipynb_checkpoints`. Links are followed.
+    Files and folders whose names begin with a dot, such as `.git` or `.ipynb_checkpoints`, are
+    skipped. Links are followed.
 
     Raises:
         OSError: A folder cannot be read.
@@ -66,7 +65,7 @@ def files_in(folder: Path) -> list[Path]:
                 files.append(path)
             elif not _is_hidden(path.name) and path.is_dir():
                 real = path.resolve()
-                if real not in above:  # Or a link would lead round for ever.
+                if real not in above:  # A link to a folder above would never end.
                     folders.append((path, above | {real}))
     return sorted(files)
 
@@ -74,9 +73,9 @@ def files_in(folder: Path) -> list[Path]:
 def read_collection(path: Path) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
-    The split is the name of the first sub-folder on the way to a file; without one it is the name
-    of the file, or of the folder if the file is a text. Hidden files and folders are left out. An
-    archive is a problem: it has to be unpacked first.
+    The split is the name of the first sub-folder on the path to a file; without a sub-folder it is
+    the name of the file, or of the folder for the texts in a folder. Hidden files and folders are
+    skipped. An archive yields a problem: it has to be unpacked first.
 
     Raises:
         OSError: A file or a folder cannot be read.
@@ -92,8 +91,8 @@ def read_collection(path: Path) -> Iterator[Entry]:
 
 
 def _entries(file: Path, kind: str, split: str) -> Iterator[Entry]:
-    """Yield the labyrinths of a file; its kind is its ending in lower case."""
-    place = printable(str(file)).replace("\n", "\\n")  # A name may be any text.
+    """Yield the labyrinths of a file; `kind` is its suffix in lower case."""
+    place = printable(str(file)).replace("\n", "\\n")  # A file name can hold any character.
     try:
         data = _bytes(file)
         if kind == ".labyrinth":
@@ -106,14 +105,14 @@ def _entries(file: Path, kind: str, split: str) -> Iterator[Entry]:
 
 
 def _bytes(file: Path) -> bytes:
-    """Return the bytes of a file, of which no more are read than are allowed.
+    """Return the bytes of a file, which has at most `MAX_BYTES`.
 
     Raises:
-        ValueError: It has more, or is an archive.
+        ValueError: The file is larger, or an archive.
     """
     with file.open("rb") as stream:
         if file.suffix.lower() in ARCHIVES:
-            raise ValueError("unpack this archive, and give the folder")
+            raise ValueError("unpack this archive and give the folder")
         data = stream.read(MAX_BYTES + 1)
     if len(data) > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
@@ -128,7 +127,7 @@ def _is_hidden(name: str) -> bool:
 def _entry(split: str, place: str, read: Callable[[], Labyrinth | Structure]) -> Entry:
     try:
         return Entry(split, place, read())
-    except LabyrinthSyntaxError as error:  # It names the place itself.
+    except LabyrinthSyntaxError as error:  # Its message begins with the place.
         return Entry(split, place, None, str(error).partition("\n")[0])
     except ValueError as error:
         return Entry(split, place, None, f"{place}: {_line(error)}")
@@ -144,8 +143,8 @@ def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth
             yield f"[{index}]", partial(read, each)
     else:
         raise ValueError(
-            f"an array of the shape {array.shape}: expected a wall grid ({SIZES}), several "
-            "of them (n before that), or connections of maze-dataset (n, 2, rows, columns)"
+            f"an array of shape {array.shape}: expected a wall grid ({SIZES}), several "
+            "of them (n, 2h + 1, 2w + 1), or connections of maze-dataset (n, 2, rows, columns)"
         )
 
 
@@ -154,10 +153,10 @@ def _array(data: bytes) -> NDArray[Any]:
     try:
         array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except (ValueError, OSError, EOFError, MemoryError, SyntaxError, TokenError) as error:
-        # Its header may claim anything; numpy parses it as the text of a literal.
-        raise ValueError(f"no array that can be read: {error}") from error
+        # The header may hold anything; NumPy parses it as a Python literal.
+        raise ValueError(f"the array cannot be read: {error}") from error
     if not array.size:
-        raise ValueError(f"an array of the shape {array.shape}, which holds nothing")
+        raise ValueError(f"an empty array of shape {array.shape}")
     if array.dtype.kind not in "biuf":
         raise ValueError(f"expected an array of booleans or numbers, found {array.dtype}")
     return array
@@ -168,5 +167,5 @@ def _line(error: ValueError) -> str:
 
 
 def _safe(name: str) -> str:
-    """Return a name that files and folders can have, made from any text."""
+    """Turn any text into a valid name for a file or folder."""
     return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "labyrinths"

@@ -1,4 +1,4 @@
-"""A state as text: the drawing of the language with the agent in it."""
+"""Draw a state as text: the drawing of the language, with the agent in it."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ AGENT, HIDDEN, ROUTE = "@", "?", "."
 def draw_text(
     labyrinth: Labyrinth, state: State | None = None, *, route: Iterable[int] = ()
 ) -> str:
-    """Return the drawing of a labyrinth, its lines from the top.
+    """Return the drawing of a labyrinth, top line first.
 
     Args:
         labyrinth: What to draw.
-        state: Where the agent (`@`) is; a key that was picked up and a door that was opened are
-            gone, and what the agent does not see is `?`. None for all there is, and no agent.
-        route: Cells to mark with a dot, where they are empty.
+        state: The state to draw: the agent is `@`, a key that was picked up or a door that was
+            opened is gone, and what the agent cannot see is `?`. None for everything but the agent.
+        route: Cells to mark with a dot if they are empty.
     """
     text = dump(labyrinth)
     drawing = list(text[text.index("-----") : text.index("end\n")])
@@ -42,13 +42,13 @@ def draw_text(
 
 
 def describe(labyrinth: Labyrinth, state: State) -> str:
-    """Return what the agent observes in words: the text of the language, with `draw_text` in it."""
+    """Return the agent's observation as text in the language, with the drawing of `draw_text`."""
     text = dump(labyrinth)
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
 
 
 def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list[str]:
-    """Return `text.dump` of each structure with a start, a goal and a task without tiles."""
+    """Return `text.dump` of each structure with this start, goal and task, which has no tiles."""
     grid = Structure.without_walls(structures.height, structures.width)
     text = dump(Labyrinth(grid, start, goal, task))
     texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
@@ -69,7 +69,7 @@ def _place(structure: Structure, cell: int) -> int:
 
 
 def _hide(drawing: list[str], labyrinth: Labyrinth, seen: frozenset[int]) -> None:
-    """Cover the cells out of sight, and what lies between two of them; not start and goal."""
+    """Hide the cells out of sight, except start and goal, and the walls between two such cells."""
     structure = labyrinth.structure
     for cell in set(range(structure.cells)) - seen:
         place = _place(structure, cell)

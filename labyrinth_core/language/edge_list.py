@@ -1,4 +1,4 @@
-"""Lists of edges, an older form of labyrinths: the edges, then start and goal.
+"""Parse lists of edges, an older text form of labyrinths: the edges, then start and goal.
 
     [(0, 1), (1, 2), (0, 3)];(0, 0);(1, 2)
 
@@ -41,11 +41,11 @@ def parse_edges(
     text = pairs ";" pair ";" pair [";" pair ";" pair | ";" pairs]
 
     Args:
-        text: The list, with start and goal and, if the task has any, its tiles.
+        text: The list, with start and goal and the tiles of the task, if it has any.
         height: Rows; None for as many as columns.
-        width: Columns; None for as many as rows. Without both, the labyrinth is the smallest square
-            that has all cells of the list.
-        file: Name of the file it comes from, for messages.
+        width: Columns; None for as many as rows. If both are None, the labyrinth is the smallest
+            square that has all cells of the list.
+        file: The name of its file, for messages.
 
     Raises:
         LabyrinthSyntaxError: The text is not such a list, or the labyrinth breaks a rule.
@@ -103,7 +103,7 @@ def _build(reader: _Reader, structure: Structure, tiles: list[_Pair], task: Task
 
 
 class _Reader:
-    """A text read from left to right, token by token."""
+    """A text that is read token by token."""
 
     def __init__(self, text: str, file: str | None) -> None:
         self._text, self._file = with_line_feeds(text, file), file
@@ -113,11 +113,11 @@ class _Reader:
     def _advance(self) -> None:
         match = next(self._tokens, None)
         self.token = match[0] if match else ""
-        """The token that comes next: a number or a character; empty at the end."""
+        """The next token: a number or a character; empty at the end."""
         self._offset = match.start() if match else len(self._text)
 
     def take(self, token: str) -> None:
-        """Read on after a token that has to be there."""
+        """Consume the next token, which has to be the one given."""
         if self.token != token:
             self.fail(f"'{token}'")
         self._advance()
@@ -130,7 +130,7 @@ class _Reader:
         return int(token)
 
     def pair(self, *, after: str = "") -> _Pair:
-        """Return the pair that comes next, after a token if one is given.
+        """Read the next pair, after the token `after` if one is given.
 
         pair = "(" number "," number ")"
         """
@@ -145,7 +145,7 @@ class _Reader:
         return offset, (first, second)
 
     def pairs(self) -> list[_Pair]:
-        """Return the pairs of the list that comes next.
+        """Read the next list of pairs.
 
         pairs = "[" [pair {"," pair}] "]"
         """
@@ -161,10 +161,10 @@ class _Reader:
     def error(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> LabyrinthSyntaxError:
-        """Return the error for an offset of the text."""
+        """Return the error at an offset of the text."""
         return LabyrinthSyntaxError.at(self._text, offset, message, self._file, expected, found)
 
     def fail(self, expected: str) -> NoReturn:
-        """Raise the error for the token that comes next."""
+        """Raise the error at the next token."""
         found = character_at(self._text, self._offset)
         raise self.error(self._offset, "in a list of edges", expected, found)

@@ -1,4 +1,4 @@
-"""Canonical texts of labyrinths of one kind, parsed by the thousand in numpy."""
+"""Parse thousands of canonical texts, of labyrinths of one kind, at once in NumPy."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 
 def parse_many(texts: Sequence[str]) -> Labyrinths | None:
-    """Return the labyrinths of one or more texts, the very ones that `text.parse` returns.
+    """Return the labyrinths of one or more texts, the same as `text.parse` returns.
 
     Returns:
-        None if a text is not in the canonical form, or describes no labyrinth, or if the
-        labyrinths are not of one size, task and look. It is then for `text.parse` to say so.
+        None if a text is invalid or not in the canonical form, or if the labyrinths differ in
+        size, task or look; parse the texts one by one then.
     """
     heads, drawings = zip(*(text.partition("\n\n")[::2] for text in texts), strict=True)
-    # Of the texts with the same settings, one is parsed.
+    # Parse one text for each combination of settings.
     parsed = [_canonical(text) for text in dict(zip(heads, texts, strict=True)).values()]
     some = [each for each in parsed if each is not None]
     kinds = {(each.size_name, each.task, each.look) for each in some}
@@ -33,7 +33,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():
         return None
     shown = np.frombuffer(joined.encode(), np.uint8).reshape(len(texts), -1)
-    # The places of the drawing's characters, the lowest line first.
+    # The indices of the drawing's characters, lowest line first.
     places = np.arange(len(pattern))[pattern.index("-") : pattern.index("end")]
     places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
     cells, above, beside = places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]
@@ -68,7 +68,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
 
 
 def _canonical(text: str) -> Labyrinth | None:
-    """Return the labyrinth of a text, None if the text is not in the canonical form."""
+    """Return the labyrinth of a text, or None if the text is not in the canonical form."""
     try:
         labyrinth = parse(text)
     except LabyrinthSyntaxError:

@@ -1,6 +1,6 @@
-"""Texts as they are read: lines without comments, errors that show their place, and sizes.
+"""Reading texts: lines without comments, errors that show their place, and sizes.
 
-The language and the lists of edges share this module.
+The text language and the lists of edges share this module.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from typing import NoReturn
 from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE
 
 MAX_TEXT = 32 * 1024 * 1024
-"""The most characters of a text, or bytes of a file; the largest drawing has a quarter of them."""
+"""The most characters of a text, or bytes of a file; the largest drawing has a quarter of that."""
 
 _QUOTES = '"""'
 _WINDOW = 94
@@ -27,12 +27,12 @@ _WINDOW = 94
 
 @dataclass(eq=False, repr=False)
 class LabyrinthSyntaxError(ValueError):
-    """A text that is not a labyrinth; as a string it shows the place, with a caret below it."""
+    """The text is not a labyrinth; the message shows the line, with a caret below the error."""
 
     message: str
     """What is wrong, in a few words."""
     file: str | None
-    """The name of the file, None if the text comes from no file."""
+    """The name of the file, or None if the text does not come from a file."""
     line: int
     """The line of the error, from 1."""
     column: int
@@ -40,9 +40,9 @@ class LabyrinthSyntaxError(ValueError):
     source_line: str
     """The text of that line."""
     expected: str | None = None
-    """What could stand there."""
+    """What the language allows at this place."""
     found: str | None = None
-    """What stands there."""
+    """What the text has at this place."""
 
     @classmethod
     def at(
@@ -54,7 +54,7 @@ class LabyrinthSyntaxError(ValueError):
         expected: str | None = None,
         found: str | None = None,
     ) -> LabyrinthSyntaxError:
-        """Return the error for an offset of a text."""
+        """Return the error at an offset of a text."""
         begin = text.rfind("\n", 0, offset) + 1
         source_line = text[begin:].partition("\n")[0]
         line, column = text.count("\n", 0, offset) + 1, offset - begin + 1
@@ -77,10 +77,10 @@ class LabyrinthSyntaxError(ValueError):
 
 
 class Source:
-    """A text being read, line by line, with its comments taken out."""
+    """A text that is read line by line, without its comments."""
 
     def __init__(self, text: str, file: str | None) -> None:
-        '''Take out the comments of a text, but not the line breaks inside them.
+        '''Remove the comments of a text, but not the line breaks inside them.
 
         comment = '"""' {any character} '"""'
         '''
@@ -88,7 +88,7 @@ class Source:
         self.file = file
         self.position = 0
         self.kept: list[tuple[int, int]] = []
-        """Where each piece between and inside comments begins: in `text`, and in `original`."""
+        """The offset of each piece between and inside comments, in `text` and in `original`."""
         pieces = self.original.split(_QUOTES)
         if len(pieces) % 2 == 0:
             opening = len(self.original) - len(pieces[-1]) - len(_QUOTES)
@@ -110,7 +110,7 @@ class Source:
     def next_line(self) -> tuple[int, str]:
         """Return offset and text, without trailing blanks, of the next line that is not blank.
 
-        At the end the text is empty.
+        After the last line the text is empty.
         """
         for line in self.lines:
             begin = self.position
@@ -120,29 +120,29 @@ class Source:
         return len(self.text), ""
 
     def original_offset(self, offset: int) -> int:
-        """Return the offset in the original for an offset in the text without comments."""
+        """Return the offset in `original` of an offset in the text without comments."""
         if offset >= len(self.text):
             return len(self.original)
         kept, original = self.kept[bisect_right(self.kept, offset, key=itemgetter(0)) - 1]
         return original + offset - kept
 
     def line_number(self, offset: int) -> int:
-        """Return the number of the line, from 1, in which an offset lies."""
+        """Return the line number, from 1, of an offset in the text without comments."""
         return self.original.count("\n", 0, self.original_offset(offset)) + 1
 
     def fail(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> NoReturn:
-        """Raise the error for an offset of the text without comments.
+        """Raise the error at an offset of the text without comments.
 
-        A control character in the same line is the likelier error, and reported instead.
+        A control character in the same line is the likelier cause, so it is reported instead.
         """
         begin = self.text.rfind("\n", 0, offset) + 1
         line = self.text[begin:].partition("\n")[0]
         for place, char in enumerate(line):
             if not char.isprintable():
                 offset = begin + place
-                message = "tabs and other control characters may stand in comments only"
+                message = "tabs and other control characters are allowed only in comments"
                 expected, found = "blanks or printable characters", character_at(line, place)
                 break
         raise self.error(offset, message, expected, found)
@@ -150,7 +150,7 @@ class Source:
     def error(
         self, offset: int, message: str, expected: str | None = None, found: str | None = None
     ) -> LabyrinthSyntaxError:
-        """Return the error for an offset of the text without comments."""
+        """Return the error at an offset of the text without comments."""
         if expected is not None and found is None:
             found = character_at(self.text, offset)
         original = self.original_offset(offset)
@@ -167,9 +167,9 @@ def character_at(text: str, offset: int) -> str:
 
 
 def printable(text: str) -> str:
-    """Return a text for a terminal: characters that do not print, except line breaks, are escaped.
+    """Escape the characters of a text that do not print, except line breaks, for a terminal.
 
-    The name of a file may hold any characters, also those that colour or clear the screen.
+    File names can hold any character, including those that colour or clear the screen.
     """
     return "".join(
         char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
@@ -177,9 +177,9 @@ def printable(text: str) -> str:
 
 
 def escape_output() -> None:
-    """Let standard output and error escape what they cannot encode, so that no message fails.
+    """Make stdout and stderr escape what they cannot encode, so that no message fails.
 
-    One that the shell has closed, by `>&-`, discards what it is given, also in other processes.
+    A stream that the shell closed (`>&-`) is reopened on the null device, also for child processes.
     """
     for number, name in ((1, "stdout"), (2, "stderr")):
         if getattr(sys, name) is None:
@@ -192,14 +192,14 @@ def escape_output() -> None:
 
 
 def quoted(text: str) -> str:
-    """Return a word or a line in quotation marks, cut to 30 characters."""
+    """Return a word or line in quotation marks, cut to 30 characters."""
     if not text:
         return "the end of the text"
     return repr(text[:30]) + ("..." if len(text) > 30 else "")
 
 
 def with_line_feeds(text: str, file: str | None) -> str:
-    """Return a text with line feeds for line breaks and without a byte order mark.
+    """Return a text with line feeds as line breaks and without a byte order mark.
 
     Raises:
         LabyrinthSyntaxError: The text is too long.
@@ -223,7 +223,7 @@ def read_text(path: Path) -> str:
 
 
 def decode(data: bytes, file: str | None) -> str:
-    """Return the text that bytes hold as UTF-8.
+    """Decode bytes as UTF-8.
 
     Raises:
         LabyrinthSyntaxError: There are too many bytes, or they are not UTF-8.
@@ -239,7 +239,7 @@ def decode(data: bytes, file: str | None) -> str:
         rest = data[error.start : error.start + _WINDOW].decode(errors="replace")
         found = f"the byte 0x{data[error.start]:02x}"
         raise LabyrinthSyntaxError.at(
-            before + rest, len(before), "the file is no text", file, "UTF-8", found
+            before + rest, len(before), "the file is not text", file, "UTF-8", found
         ) from error
 
 
@@ -247,7 +247,7 @@ def parse_size(text: str) -> tuple[int, int]:
     """Return `(height, width)` of a size written as `5` or `4x6`.
 
     Raises:
-        ValueError: The text is not a whole number from 2 to 1,000, or two joined by an x.
+        ValueError: The text is not an integer from 2 to 1,000, or two of them joined by an x.
     """
     match = re.fullmatch(r"\s*(\d{1,5})(?:\s*[xX]\s*(\d{1,5}))?\s*", text, re.ASCII)
     sides = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)

@@ -1,7 +1,7 @@
 """The text language of labyrinths: `parse` reads it, `dump` writes its canonical form.
 
-Nothing is evaluated, and the time taken is at most proportional to the length of the text.
-`docs/language.md` has a tutorial and the whole grammar.
+Parsing evaluates nothing and takes time at most proportional to the length of the text. See
+`docs/language.md` for a tutorial and the whole grammar.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ _LOOKS = tuple(map(str, Look))
 _VALUES = dict.fromkeys(SETTINGS, re.compile("true|false")) | {
     _LOOK: re.compile("|".join(_LOOKS)),
 }
-"""The values that each setting may have, in small letters."""
+"""The values that each setting may have, in lower case."""
 _EXPECTED = dict.fromkeys(SETTINGS, "True or False") | {
     _LOOK: f"{', '.join(_LOOKS[:-1])} or {_LOOKS[-1]}",
 }
@@ -78,11 +78,12 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
 
     Args:
         text: The description.
-        file: Name of the file it comes from, for messages.
+        file: The name of its file, for messages.
         seed: Determines where missing tiles of the task are placed.
 
     Raises:
         LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
+        ValueError: The seed is used and is not a non-negative integer.
     """
     source = Source(text, file)
     settings = _parse_settings(source)
@@ -105,7 +106,7 @@ class _Settings(NamedTuple):
 
 
 def _parse_settings(source: Source) -> _Settings:
-    """Return the settings above the drawing, and read on to it.
+    """Read the settings and the heading above the drawing.
 
     setting = ("key_and_lock" | "icy_floor" | "occlusion") ":" ("True" | "False")
     look = "look" ":" ("plain" | "recoloured" | "thin_walls")
@@ -154,7 +155,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
         source.fail(offset + match.end(), f"after {word}", "':'")
     if not line or line[0] in "-|":
         found = quoted(line.strip(" "))
-        source.fail(place, "nothing announces the drawing", f"'{_HEADING}:'", found)
+        source.fail(place, "the line before the drawing is missing", f"'{_HEADING}:'", found)
     close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
     expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
@@ -162,7 +163,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
 
 
 class _Drawing(NamedTuple):
-    """What a drawing shows."""
+    """The content of a drawing."""
 
     structure: Structure
     tiles: str
@@ -177,7 +178,7 @@ class _Drawing(NamedTuple):
 
 
 def _parse_drawing(source: Source) -> _Drawing:
-    """Return the structure and the tiles that are drawn.
+    """Read the drawing: the structure and the tiles.
 
     drawing = outer-wall cell-line {wall-line cell-line} outer-wall
     cell-line = "|" cell {("|" | " ") cell} "|"
@@ -191,7 +192,7 @@ def _parse_drawing(source: Source) -> _Drawing:
     wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
     rows: list[int] = []
     tiles: list[str] = []
-    # Bits as text, from the highest row and the last column on, as int() reads them.
+    # Bits as text, highest row and last column first, the order in which int() reads them.
     right: list[str] = []
     up: list[str] = ["0" * width]
     while True:
@@ -207,18 +208,18 @@ def _parse_drawing(source: Source) -> _Drawing:
         if not wall_line.fullmatch(line):
             _refuse_line(source, offset, line, len(top), cells=False)
         if len(rows) == MAX_SIDE:
-            source.fail(offset, "the drawing is too high", f"at most {MAX_SIDE:,} rows", "more")
+            source.fail(offset, "the drawing is too tall", f"at most {MAX_SIDE:,} rows", "more")
         up.append(line[-3::-4])
     if len(rows) < MIN_SIDE:
         expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
-        source.fail(offset, "the drawing is too low", expected, str(len(rows)))
+        source.fail(offset, "the drawing has too few rows", expected, str(len(rows)))
     bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
     structure = Structure(len(rows), width, *bits)
     return _Drawing(structure, "".join(reversed(tiles)), rows[::-1])
 
 
 def _parse_top(source: Source) -> str:
-    """Return the top line of a drawing, which determines its width.
+    """Read the top line of a drawing, which determines its width.
 
     outer-wall = "-" {"----"}
     """
@@ -239,7 +240,7 @@ def _parse_top(source: Source) -> str:
 
 
 def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: bool) -> NoReturn:
-    """Raise the error for a line inside a drawing that is not a line of cells, or of walls."""
+    """Raise the error for a line inside a drawing that is not a valid line of cells or walls."""
     kind, end = "cells" if cells else "walls", "'|', the outer wall"
     begin = end if cells else f"'|', or {length:,} dashes to end the drawing"
     if not line.strip("-"):
@@ -273,7 +274,7 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
 
 
 def _parse_end(source: Source) -> None:
-    """Read on to the end of the text."""
+    """Read `end` and the end of the text."""
     for message, expected in [
         ("the drawing is complete", "end"),
         ("there is text after 'end'", ""),
@@ -287,7 +288,7 @@ def _parse_end(source: Source) -> None:
 
 
 def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
-    """Return the labyrinth that is drawn, with the tiles that its task lacks."""
+    """Return the labyrinth of a drawing, placing the tiles of its task that are not drawn."""
     structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = default_start_and_goal(structure.height, structure.width)
     drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
@@ -309,7 +310,7 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
 
 
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
-    """Return the cell of a tile that may be drawn once, None if it is not drawn."""
+    """Return the cell of a tile that may be drawn once, or None if it is not drawn."""
     tiles = drawing.tiles
     cell = tiles.find(tile)
     if cell >= 0 and tiles.find(tile, cell + 1) >= 0:
@@ -327,14 +328,14 @@ def load(path: Path, *, seed: int = 0) -> Labyrinth:
         seed: Determines where missing tiles of the task are placed.
 
     Raises:
-        LabyrinthSyntaxError: Its text is not in the language, or breaks a rule of its task.
+        LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
         OSError: The file cannot be read.
     """
     return parse(read_text(path), file=str(path), seed=seed)
 
 
 def dump(labyrinth: Labyrinth) -> str:
-    """Return the canonical text of a labyrinth: parsed, it gives the same labyrinth."""
+    """Return the canonical text of a labyrinth, which `parse` turns into the same labyrinth."""
     structure = labyrinth.structure
     width, cells = structure.width, structure.cells
     above = digits(structure.up, cells).encode().translate(_HORIZONTAL)
@@ -348,14 +349,14 @@ def dump(labyrinth: Labyrinth) -> str:
     outer_wall = b"-" * (4 * width + 1) + b"\n"
     wall_line = b"|" + b"   +" * (width - 1) + b"   |\n"
     cell_line = b"|" + b"    " * (width - 1) + b"   |\n"
-    # Above each line of cells its walls, or the outer wall above the highest; then the lowest.
+    # Each line of cells below its walls, the first below the outer wall; the outer wall comes last.
     drawing = bytearray(outer_wall + (cell_line + wall_line) * structure.height)
     length = len(outer_wall)
     drawing[-length:] = outer_wall
     for row, first in enumerate(range(cells - width, -1, -width)):
         line, last = (2 * row + 1) * length, first + width
         drawing[line + 2 : line + length : 4] = tiles[first:last]
-        # The last has no passage: the outer wall.
+        # The last cell has no passage, so the outer wall stays.
         drawing[line + 4 : line + length : 4] = beside[first:last]
         if row:
             drawing[line - length + 2 : line : 4] = above[first:last]
@@ -365,7 +366,7 @@ def dump(labyrinth: Labyrinth) -> str:
 
 
 def labyrinth_id(labyrinth: Labyrinth | str) -> str:
-    """Return sixteen hexadecimal digits, the same on every machine and in every process.
+    """Return the id of a labyrinth: sixteen hexadecimal digits, the same on every machine.
 
     Args:
         labyrinth: A labyrinth, or its canonical text, as `dump` gives it.

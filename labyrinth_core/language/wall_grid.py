@@ -1,10 +1,10 @@
 """Labyrinths as wall grids: arrays in which walls have elements of their own.
 
-A labyrinth of h rows and w columns is an array of 2h + 1 rows and 2w + 1 columns, the top row
-first. A cell is where row and column are odd, a passage or a wall between two cells where one of
-them is, and everything else is wall: the outer wall, and the points where four cells meet. Walls
-are 1 and the rest is 0, or the other way round: the corner, which is always wall, tells. A 2 marks
-the cell of the start, a 3 that of the goal. Rows and columns of the array are counted from 0.
+A labyrinth of h rows and w columns is an array of 2h + 1 rows and 2w + 1 columns, top row first,
+counted from 0. Elements with odd row and odd column are cells. Elements with one of them odd are
+passages or walls between two cells. All others are wall: the outer wall, and the points where four
+cells meet. Walls are 1 and the rest is 0, or the other way round; the corner, always a wall, shows
+which. A 2 marks the cell of the start, a 3 the cell of the goal.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Labyrinth, Struct
 from labyrinth_core.world.tasks import default_start_and_goal
 
 START, GOAL = 2, 3
-"""The elements that mark cells; walls and openings are 0 and 1."""
+"""The elements that mark start and goal; walls and openings are 0 and 1."""
 
 SIZES = f"2h + 1 rows and 2w + 1 columns, h and w from {MIN_SIDE} to {MAX_SIDE:,}"
 """The shapes that a wall grid can have, for messages."""
@@ -38,17 +38,17 @@ def to_grid(labyrinth: Labyrinth) -> NDArray[np.uint8]:
 
 
 def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
-    """Return the labyrinth of a wall grid, a structure if it marks neither start nor goal.
+    """Return the labyrinth of a wall grid, or its structure if neither start nor goal is marked.
 
-    If it marks one of them, the other one is where the language has it: the start at the bottom
-    left, the goal at the top right.
+    If only one of them is marked, the other is in its default place: the start at the bottom left,
+    the goal at the top right.
 
     Args:
         grid: Booleans or numbers, shape (2h + 1, 2w + 1).
 
     Raises:
-        ValueError: The array has another shape, an element is not allowed in its place, which the
-            message then begins with, or the labyrinth breaks a rule.
+        ValueError: The array has another shape, an element is not allowed in its place (the message
+            begins with the place), or the labyrinth breaks a rule.
     """
     fits = (side % 2 and MIN_SIDE <= side // 2 <= MAX_SIDE for side in grid.shape)
     if grid.ndim != 2 or not all(fits):
@@ -60,16 +60,16 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
     inner[1:-1, 1:-1] = posts[::2, ::2] = cells[1::2, 1::2] = True
     for wrong, message in (
         (~np.isin(grid, (0, 1, START, GOAL)), "expected 0, 1, 2 for the start or 3 for the goal"),
-        (posts & wall & (grid > 1), "start and goal are marked in cells, not in walls"),
+        (posts & wall & (grid > 1), "start and goal must be in cells, not in walls"),
         (~inner & ~wall, "a gap in the outer wall"),
         (posts & ~wall, "no wall where four cells meet"),
         (cells & wall, "a wall where a cell is"),
-        (~cells & (grid > 1), "start and goal are marked in cells, not between them"),
+        (~cells & (grid > 1), "start and goal must be in cells, not between them"),
     ):
         if wrong.any():
             row, column = np.argwhere(wrong)[0].tolist()
             raise ValueError(f"row {row}, column {column}: {message}")
-    # The lowest row first, and for each cell whether there is a passage above, and at its right.
+    # The lowest row first; for each cell, whether there is a passage above and to its right.
     is_open = ~wall[::-1]
     up, right = (each.reshape(1, -1) for each in (is_open[2::2, 1::2], is_open[1::2, 2::2]))
     structure = Structures(height, width, up, right)[0]
@@ -84,24 +84,24 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
 
 
 def _marked(grid: NDArray[Any], mark: int, name: str) -> int | None:
-    """Return the cell that has a mark, None if no cell has it."""
+    """Return the cell with a mark, or None if no cell has it."""
     places = np.argwhere(grid == mark).tolist()
     if len(places) > 1:
         row, column = places[1]
-        raise ValueError(f"row {row}, column {column}: another {name}: at most one is marked")
+        raise ValueError(f"row {row}, column {column}: a second {name}: mark at most one")
     height, width = (side // 2 for side in grid.shape)
     return (height - 1 - places[0][0] // 2) * width + places[0][1] // 2 if places else None
 
 
 def from_connections(connections: NDArray[Any]) -> Labyrinth | Structure:
-    """Return the structure of a maze of maze-dataset.
+    """Return the structure of a maze from maze-dataset.
 
     Args:
         connections: Its `connection_list`, shape (2, rows, columns): whether a passage leads from
-            each cell to the cell below, and to the cell at its right. The top row comes first.
+            each cell to the cell below, and to the cell on its right. The top row comes first.
 
     Raises:
-        ValueError: The array has another shape or other elements, or a passage leads out of it.
+        ValueError: The array has another shape or other elements, or a passage leaves the grid.
     """
     sides = connections.shape[1:]
     is_pair = connections.ndim == 3 and len(connections) == 2

@@ -1,1 +1,1 @@
-"""States as pictures and as vectors, exact to the last bit."""
+"""Draw states as images, and encode them as vectors; both are exact to the last bit."""

@@ -1,4 +1,4 @@
-"""Moving pictures: episodes as GIF files, a frame for each state."""
+"""Animate episodes: GIF files with one frame per state."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def frames_of(episode: Episode, image_size: int = 300) -> list[Frame]:
 
 
 def beside(*episodes: Sequence[Frame], gap: int = 20) -> list[Frame]:
-    """Return several episodes as one, side by side on white; each waits at its end for the longest.
+    """Join several episodes side by side on white; each waits at its end for the longest.
 
     Args:
-        episodes: The frames of each, all of one shape (image_size, image_size, 3).
-        gap: The pixels between two of them.
+        episodes: The frames of each, all of the same shape (image_size, image_size, 3).
+        gap: The number of pixels between two episodes.
     """
     between = np.full((len(episodes[0][0]), gap, 3), 255, np.uint8)
     joined = []
@@ -44,12 +44,12 @@ def beside(*episodes: Sequence[Frame], gap: int = 20) -> list[Frame]:
 
 
 def gif(episodes: Iterable[Sequence[Frame]]) -> bytes:
-    """Return a GIF file that shows episodes one after the other, for ever.
+    """Return a GIF file that shows episodes one after the other, in an endless loop.
 
-    Up to 256 different colours are kept as they are; more are reduced to that number.
+    Up to 256 different colours are kept exactly; more are reduced to 256.
 
     Args:
-        episodes: The frames of each, at least one, all of one shape (height, width, 3).
+        episodes: The frames of one or more episodes, all of the same shape (height, width, 3).
 
     Raises:
         ImportError: Pillow, which writes the file, is not installed.

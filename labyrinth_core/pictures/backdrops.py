@@ -1,7 +1,7 @@
-"""Scenes, all that a picture shows but the agent, drawn many at once; the agent is then a patch.
+"""Draw many scenes, which are pictures without agents, at once; then paste each agent as a patch.
 
-Scenes of labyrinths of one size are products of matrices, see `bands`. A patch is a small window of
-the picture, which is all that differs from the scene.
+Scenes of labyrinths of one size are products of matrices, see `bands`. A patch is the small window
+of a picture in which it differs from its scene.
 """
 
 from __future__ import annotations
@@ -38,28 +38,28 @@ Pictures = NDArray[np.uint8]
 Numbers = NDArray[np.intp]
 Mask = NDArray[np.bool_]
 Corners = tuple[Numbers, Numbers]
-"""The first row and the first column of each window."""
+"""The first row and the first column of pixels of each window."""
 
 _WALL_CODE = HIDDEN + 1
 _CODE_OF_ENTRY = np.array([FLOOR, _WALL_CODE, ICE], np.uint8)
-"""What an entry of a wall grid shows: `OPEN`, `WALL` or `ICE` of `vector`."""
+"""The code for each entry of a wall grid: `OPEN`, `WALL` and `ICE` of `vector`."""
 
 SUMS_BYTES = 2**20
-"""The memory for the sums of scenes that are drawn together, which a cache should hold."""
+"""The memory for the sums of scenes drawn together, chosen to fit the processor's cache."""
 
 
 class Scenes(NamedTuple):
-    """Scenes of labyrinths of one size and task, N of them."""
+    """N scenes of labyrinths of one size and task."""
 
     height: int
     width: int
     task: Task
     vectors: NDArray[np.int32]
-    """The `initial_vector` of the labyrinth of each, shape (N, length)."""
+    """The `initial_vector` of each scene's labyrinth, shape (N, length)."""
     key_gone: Mask
     door_open: Mask
     visible: Mask | None = None
-    """Which cells are seen under partial observability, shape (N, height, width), else None."""
+    """Which cells are visible, shape (N, height, width); None without partial observability."""
 
     def take(self, part: slice) -> Scenes:
         """Return some of the scenes."""
@@ -74,7 +74,7 @@ class Scenes(NamedTuple):
 def backdrops_of(
     scenes: Scenes, image_size: int, style: Style, resize: str = "area"
 ) -> Iterator[tuple[int, Backdrops]]:
-    """Yield the backdrops of scenes, as many together as a cache holds, and the first's number."""
+    """Yield the scenes in batches that fit the cache: the index of the first, and the backdrops."""
     insets = INSETS if scenes.task is Task.KEY_AND_DOOR else ()
     bands = bands_of(scenes.height, scenes.width, style.wall_pixels, image_size, resize, insets)
     together = max(1, SUMS_BYTES // (3 * bands.rows.bands[:, 0].nbytes * image_size))
@@ -91,7 +91,7 @@ class Backdrops:
         self._codes, shown = _codes(scenes)
         self._palette = _palette(style, bands.rows.bands.dtype)
         planes = self._palette.ground.T[:, shown]
-        # A channel at a time, which is multiplied fastest; then the channels of a pixel together.
+        # Multiply one channel at a time, which is fastest; then put a pixel's channels together.
         sums = (bands.rows.bands @ planes @ bands.columns.bands.T).transpose(1, 2, 3, 0)
         self._sums: Sums = np.add(sums, bands.unit // 2, order="C")
         if scenes.task is Task.KEY_AND_DOOR:
@@ -104,7 +104,7 @@ class Backdrops:
         return self._count
 
     def _add_squares(self, code: int, nested: Sequence[tuple[int, Colour]]) -> None:
-        """Add the squares inside the cells that show a code, at most one in each scene."""
+        """Add the squares inside the cells that show a code, at most one such cell per scene."""
         scenes, cells = np.nonzero(self._codes == code)
         row, column = np.divmod(cells, self._width)
         for (_, outer), (inset, inner) in pairwise(nested):
@@ -115,7 +115,7 @@ class Backdrops:
                 self._sums[scenes] += (down[:, :, None] * across[:, None])[..., None] * change
 
     def bare(self) -> Pictures:
-        """Return the picture of each scene without an agent, (N, image_size, image_size, 3)."""
+        """Return the picture of each scene, shape (N, image_size, image_size, 3)."""
         return self._colours.take(self._bands.row, axis=1)
 
     def draw(self, pictures: Pictures, scenes: Numbers, agents: Numbers, with_key: Mask) -> None:
@@ -124,7 +124,7 @@ class Backdrops:
         rows = scenes[:, None] * lines + self._bands.row
         # Every index is within bounds; clipping only spares a copy.
         self._colours.reshape(-1, *row).take(rows, axis=0, out=pictures, mode="clip")
-        # An agent that comes back looks the same.
+        # An agent that returns to a cell looks the same, so draw each patch once.
         kinds = 2 * (scenes * self._codes.shape[1] + agents) + with_key
         _, some, which = np.unique(kinds, return_index=True, return_inverse=True)
         patches = self.patches(scenes[some], agents[some], with_key[some])
@@ -139,7 +139,7 @@ class Backdrops:
         """Return the windows around agents in some scenes, shape (N, reach, reach, 3).
 
         Args:
-            scenes: The number of each scene.
+            scenes: The index of each scene.
             agents: The agents' cells.
             with_key: Whether the agents show a key.
         """
@@ -164,14 +164,14 @@ class Backdrops:
 
 
 class _Palette(NamedTuple):
-    """The colours of a style, and what changes where squares are added."""
+    """The colours of a style, and the differences that added squares make."""
 
     ground: Sums
-    """The colour of what a cell shows, but for squares inside it, and last of walls, (9, 3)."""
+    """The colour of each code without squares inside, and of walls last, shape (9, 3)."""
     agent: Sums
-    """What an agent adds to the colour of what it covers, (8, 3)."""
+    """The agent's colour minus the colour of each code that it covers, shape (8, 3)."""
     key: Sums
-    """What a key adds to the colour of an agent, (3,)."""
+    """The key's colour minus the agent's, shape (3,)."""
     key_inset: int
 
 
@@ -190,12 +190,12 @@ def _palette(style: Style, dtype: np.dtype[Any]) -> _Palette:
 
 
 def _innermost(nested: Sequence[tuple[int, Colour]], inset: int) -> Colour:
-    """Return the colour of the last of nested squares that are not further in than an inset."""
+    """Return the colour of the innermost of nested squares whose inset is at most `inset`."""
     return [colour for twelfths, colour in nested if twelfths <= inset][-1]
 
 
 def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """Return what the cells of scenes show, and what the bands show, from the top left.
+    """Return the codes of the cells of scenes, and the codes of their bands, from the top left.
 
     Returns:
         Shapes (N, cells) and (N, 2 height + 3, 2 width + 3).
@@ -221,7 +221,7 @@ def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     return cells.reshape(count, -1), bands
 
 
-# Windows of pictures. A row of a window is one item of a view, so that numpy copies it at once.
+# Windows of pictures. Each row of a window is one item of a view, so that NumPy copies it at once.
 
 
 def paste(pictures: Pictures, places: Numbers, corners: Corners, patches: Pictures) -> None:
@@ -229,7 +229,7 @@ def paste(pictures: Pictures, places: Numbers, corners: Corners, patches: Pictur
 
     Args:
         pictures: Shape (N, image_size, image_size, 3), C-contiguous.
-        places: The number of the picture of each patch, shape (M,).
+        places: The index of the picture of each patch, shape (M,).
         corners: The first row and the first column of each patch, shape (M,) each.
         patches: Shape (M, reach, reach, 3).
     """
@@ -240,7 +240,7 @@ def paste(pictures: Pictures, places: Numbers, corners: Corners, patches: Pictur
 
 
 def cut(pictures: Pictures, places: Numbers, corners: Corners, reach: int) -> Pictures:
-    """Return the patches, `reach` pixels high and wide, that pictures have; see `paste`."""
+    """Return the patches of pictures, `reach` pixels high and wide, at the places of `paste`."""
     rows = _runs(pictures, reach)[_where(places, corners, reach)]
     return rows.view(np.uint8).reshape(len(places), reach, reach, 3)
 
@@ -252,7 +252,7 @@ def _where(places: Numbers, corners: Corners, reach: int) -> tuple[Numbers, Numb
 
 
 def _runs(pixels: NDArray[Any], length: int) -> NDArray[np.void]:
-    """Return a view of the runs of pixels along rows, each as one item, from each pixel on.
+    """Return a view whose items are the runs of pixels along a row, one beginning at each pixel.
 
     Args:
         pixels: Shape (N, rows, columns, 3), C-contiguous.

@@ -1,10 +1,10 @@
-"""How the bands of a picture become its pixels, at any size.
+"""Turn the bands of a picture into its pixels, at any size.
 
-A picture of `PICTURE_SIZE` consists of bands of rows times bands of columns: margins, walls, and
-what lies between two walls. With P, the colours of the bands, the picture at another size is
-A P B: A and B say how much of each band the rows and the columns of pixels cover. A square inside a
-cell, such as the agent, adds the product of a column and a row to that. All are whole numbers that
-floats hold exactly, so that the order of additions does not matter.
+A picture at `PICTURE_SIZE` consists of bands of rows times bands of columns: margins, walls, and
+the spaces between two walls. If P holds the colours of the bands, the picture at another size is
+A P B, where A and B say how much of each band the rows and columns of pixels cover. A square inside
+a cell, such as the agent, adds the product of a column vector and a row vector. All numbers are
+integers that floats hold exactly, so the order of additions does not matter.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from labyrinth_core.pictures.renderer import AGENT_INSET, grid_of
 from labyrinth_core.pictures.resize import weights
 
 Sums = NDArray[np.floating[Any]]
-"""Whole numbers, in floats of single precision where they are below 2 ** 24."""
+"""Integers, held in single-precision floats if they are below 2 ** 24, else in double precision."""
 
 INSETS = (1, AGENT_INSET, 3, 4)
-"""How far the squares inside cells are from the walls, in twelfths of a cell."""
+"""The distances of the squares inside cells from the walls, in twelfths of a cell."""
 
 
 @dataclass(frozen=True, eq=False)
 class Axis:
     """The weights of bands, and of squares in cells, in the lines of pixels along an axis.
 
-    Bands and lines are counted from the top left, rows of cells from the bottom.
+    Bands and lines are numbered from the top left, rows of cells from the bottom.
     """
 
     bands: Sums
@@ -49,26 +49,26 @@ class Bands:
     """How the bands of pictures of labyrinths of one size become pixels."""
 
     rows: Axis
-    """The rows of pixels, of which many are alike: those of `bands` and `squares` all differ."""
+    """The distinct rows of pixels in `bands` and `squares`; many rows of a picture are equal."""
     columns: Axis
     row: NDArray[np.intp]
-    """Which of the different rows each row of pixels is, shape (image_size,)."""
+    """The index of the distinct row that each row of pixels equals, shape (image_size,)."""
     row_in_windows: NDArray[np.intp]
     """The same for the rows of the windows, shape (height, reach)."""
     unit: int
     """The sum of the weights of a pixel."""
     reach: int
-    """The pixels on each side of a window, whatever the thickness of walls."""
+    """The side of a window in pixels, whatever the thickness of walls."""
 
     def rounded(self, sums: Sums) -> NDArray[np.uint8]:
-        """Return the colours of sums that half a unit was added to."""
-        # No quotient is rounded up to a whole number: it differs by 2 ** -16 from one that it is
-        # not, and floats of single precision between 128 and 256 by as much from each other.
+        """Return the colours of sums, to which half a unit was added for rounding."""
+        # Truncating is exact: a quotient between two integers is more than 2 ** -16 below the upper
+        # one, so it cannot round up to it, as single-precision floats below 256 are that close.
         colours = np.empty(sums.shape, np.uint8)
         return np.divide(sums, self.unit, out=colours, casting="unsafe")
 
 
-# Without the cache the 25 states of a labyrinth are drawn a quarter as fast.
+# Without the cache, drawing the 25 states of a labyrinth takes four times as long.
 @lru_cache(maxsize=16)
 def bands_of(
     height: int,
@@ -78,7 +78,7 @@ def bands_of(
     resize: str = "area",
     insets: tuple[int, ...] = INSETS,
 ) -> Bands:
-    """Return how the pictures of labyrinths of a size become pixels.
+    """Return how the bands of pictures of labyrinths of one size become pixels.
 
     Args:
         height: Rows of cells.
@@ -86,7 +86,7 @@ def bands_of(
         wall_pixels: The thickness of walls, as in `Style`.
         image_size: Pixels on each side of a picture.
         resize: One of `resize.RESIZES`.
-        insets: Which of `INSETS` cells may show besides the agent; fewer make fewer different rows.
+        insets: Which of `INSETS` cells may show besides the agent; fewer give fewer distinct rows.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel.
@@ -117,12 +117,12 @@ def bands_of(
 
 
 def _axis(lines: tuple[int, ...], thickness: int, up_to: Sums, reach: int) -> Axis:
-    """Return an axis.
+    """Return the weights along an axis.
 
     Args:
-        lines: The first pixel of each wall, that before cell 0 first.
+        lines: The first pixel of each wall, beginning with the wall before cell 0.
         thickness: The thickness of walls.
-        up_to: The weights of all pixels before each one, shape (image_size, PICTURE_SIZE + 1).
+        up_to: The cumulative weight of all pixels before each, (image_size, PICTURE_SIZE + 1).
         reach: The length of windows.
     """
     walls = np.array(lines)
@@ -143,7 +143,7 @@ def _axis(lines: tuple[int, ...], thickness: int, up_to: Sums, reach: int) -> Ax
 
 def _reach(most: int, image_size: int) -> int:
     """Return the largest number of pixels in a line that the square of an agent can touch."""
-    wide = -(-PICTURE_SIZE // most) - 1  # Walls have a pixel at least.
-    # The square of a narrower cell may be a pixel wider, since insets are rounded down.
+    wide = -(-PICTURE_SIZE // most) - 1  # Walls are at least a pixel thick.
+    # In a narrower cell the square may be a pixel wider, since insets are rounded down.
     square = wide - 2 * (wide * AGENT_INSET // 12) + 2
     return min(image_size, square * image_size // PICTURE_SIZE + 2)

@@ -1,15 +1,14 @@
-"""PNG files of pictures that are made of few distinct rows of pixels, written and read quickly.
+"""Write and read PNG files quickly, for pictures made of few distinct rows of pixels.
 
-General encoders and decoders go through every pixel of every picture, which takes milliseconds.
-Here a picture is a sequence of strips, a strip a few rows of pixels with the number of times each
-is repeated. Each strip is compressed once, ended with a full flush so that it stands alone, and
-remembered; a picture is the strips joined. The Adler-32 of the whole follows from those of the
-strips, so that of a picture with a few strips exchanged follows from theirs. A repeated row is the
-filter "up" over nothing but zeros, whatever the row holds, so its compressed form depends only on
-the length: what a new strip costs is one row of pixels. Reading such a file, too, unpacks each
-different row once. The digest of a picture's pixels is made of its rows in the same way.
+General encoders and decoders process every pixel, which takes milliseconds per picture. Here a
+picture is a sequence of strips. A strip is a few rows of pixels, each with its number of
+repetitions; it is compressed once, ends with a full flush so that it stands alone, and is cached.
+A picture is its strips joined, and its Adler-32 follows from theirs, so exchanging strips costs
+only the new ones. A repeated row is the filter "up" over zeros, whatever its pixels, so its
+compressed form depends only on the length, and a new strip costs one row of pixels. Reading unpacks
+each distinct row once. The digest of a picture's pixels is computed from its rows in the same way.
 
-Pictures are truecolour, 8 bits a channel (colour type 2), so that every reader sees three
+Pictures are truecolour, 8 bits per channel (colour type 2), so that every reader sees three
 channels. Format: PNG, https://www.w3.org/TR/png-3/; deflate, RFC 1951; Adler-32, RFC 1950.
 """
 
@@ -31,13 +30,13 @@ PICTURE_SIZE = 600
 """Pixels on each side of the pictures in the datasets."""
 
 DEFAULT_IMAGE_SIZE = 64
-"""Pixels on each side of what the benchmark's baselines look at (supplement, section 1)."""
+"""Pixels on each side of the images that the benchmark's baselines see (supplement, section 1)."""
 
 Band = tuple[bytes, int]
 """A row of pixels, three bytes each, and how many times it is repeated."""
 
 Strip = tuple[Band, ...]
-"""Some bands, from top to bottom."""
+"""Bands, from top to bottom."""
 
 
 class KeptStrip(Strip):
@@ -49,7 +48,7 @@ class KeptStrip(Strip):
 
 
 LEVEL = 3
-"""The zlib level for rows of pixels, most of which occur in a single picture.
+"""The zlib level for rows of pixels, most of which occur in only one picture.
 
 Another level would change the bytes of every picture, though not its pixels.
 """
@@ -70,11 +69,11 @@ _NUMBER, _SUMS = struct.Struct(">I"), struct.Struct(">HH")
 
 _DIGEST_MODULUS = 2**127 - 1
 _DIGEST_BASE = 0x4F1BBCDCBFA53E0AF9CE60302E76E41A
-"""Digits of half the golden ratio, which are arbitrary but not chosen."""
+"""Digits of half the golden ratio, an arbitrary number that was not picked for a purpose."""
 
 
 class Piece(NamedTuple):
-    """Compressed bytes that stand alone."""
+    """Compressed bytes that can be decompressed on their own."""
 
     compressed: bytes
     a: int
@@ -95,10 +94,10 @@ def encode(strips: Sequence[Strip], width: int) -> bytes:
 
 
 class Mosaic:
-    """A picture that is encoded with some strips exchanged, at the cost of those strips alone."""
+    """A picture that is encoded with some strips exchanged, at the cost of only those strips."""
 
     def __init__(self, strips: Sequence[Strip], width: int) -> None:
-        """Compress the picture with nothing exchanged; the arguments are those of `encode`."""
+        """Compress the picture as it is; the arguments are those of the function `encode`."""
         self._pieces = list(map(_strip_piece, strips))
         self._below, *self._sums = _sums(self._pieces)
         self._parts = [_DATA_START, *[piece[0] for piece in self._pieces]]
@@ -108,10 +107,10 @@ class Mosaic:
         """Return the PNG file of the picture with some strips exchanged.
 
         Args:
-            changes: Index of a strip, counted from the top -> another of the same height.
+            changes: Index of a strip, counted from the top -> its replacement, of the same height.
 
         Raises:
-            ValueError: A strip is not of that height.
+            ValueError: A replacement has another height.
         """
         parts = self._parts.copy()
         a, b = self._sums
@@ -129,7 +128,7 @@ class Mosaic:
 
 
 def strips_in(picture: NDArray[np.uint8]) -> list[Strip]:
-    """Return the strips of a picture, each a single band; its shape is (height, width, 3)."""
+    """Split a picture of shape (height, width, 3) into strips of a single band each."""
     differs = (picture[1:] != picture[:-1]).any(axis=(1, 2))
     first = np.flatnonzero(np.concatenate(([True], differs)))
     counts = np.diff(first, append=len(picture)).tolist()
@@ -144,7 +143,7 @@ def strips_of(png: bytes, size: int) -> list[Strip] | None:
         size: The pixels on each side of the picture.
 
     Returns:
-        None for every other file: of another size or encoder, damaged, or no PNG at all.
+        None for any other file: of another size or encoder, damaged, or not a PNG.
     """
     header, stride = _header(size, size), 3 * size + 1
     chunk = png[len(header) + 4 : -len(_END) - 4]
@@ -172,18 +171,18 @@ def strips_of(png: bytes, size: int) -> list[Strip] | None:
     return [(band,) for band in bands] if is_sound else None
 
 
-# Without the cache pictures are taken apart a twentieth as fast: most strips come again.
+# Without the cache this takes twenty times as long, since most strips occur again.
 @lru_cache(maxsize=8_192)
 def _unpack(compressed: bytes, stride: int, most: int) -> tuple[bytes, Piece] | None:
-    """Return a row of pixels, or b"" for repetitions of the row above, with the piece it is from.
+    """Return a row of pixels, or b"" for repetitions of the row above, with the unpacked piece.
 
     Args:
         compressed: Bytes up to a full flush.
-        stride: The length of a row with its filter.
-        most: The number of rows of the picture; more are not unpacked.
+        stride: The length of a row with its filter byte.
+        most: The number of rows of the picture, and the most to unpack.
 
     Returns:
-        None if it is neither of the two.
+        None if the bytes hold neither of the two.
     """
     deflate = zlib.decompressobj(-zlib.MAX_WBITS)
     try:
@@ -198,16 +197,16 @@ def _unpack(compressed: bytes, stride: int, most: int) -> tuple[bytes, Piece] | 
 
 
 def _file(header: bytes, chunk: bytes) -> bytes:
-    """Return the PNG file of a header and one chunk of data, which begins with its name."""
+    """Return the PNG file of a header and one chunk, given as its name and data."""
     length, check = _NUMBER.pack(len(chunk) - 4), _NUMBER.pack(zlib.crc32(chunk))
     return b"".join((header, length, chunk, check, _END))
 
 
 def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
-    """Return the bytes below each of the pieces, and the sums of all, one after the other.
+    """Return the number of bytes after each piece, and the Adler-32 sums of all pieces joined.
 
-    Each byte counts once in a, and in b as often as there are bytes from it to the end; each piece
-    begins with an a of 1.
+    Each byte counts once in a, and in b as often as there are bytes from it to the end; a starts
+    at 1 in each piece.
     """
     _, a, b, lengths = zip(*pieces, strict=True)
     length = sum(lengths)
@@ -215,8 +214,8 @@ def _sums(pieces: Sequence[Piece]) -> tuple[list[int], int, int]:
     return below, sum(a) - len(a) + 1, sum(b) + sum(map(mul, a, below)) - sum(below)
 
 
-# Without the caches of `_strip_piece` or `_repeat_piece` the build writes 0.8 or 0.46 times as many
-# rows a second at 5x5, without that of `_row_piece` 0.88 times as many at 25x25.
+# How many rows per second the build writes without a cache: at 5x5 0.8 times as many without that
+# of `_strip_piece`, 0.46 without `_repeat_piece`; at 25x25 0.88 without `_row_piece`.
 
 
 @lru_cache(maxsize=8_192)
@@ -243,7 +242,7 @@ def _repeat_piece(length: int, times: int) -> Piece:
 
 
 def _compress(data: bytes, level: int) -> Piece:
-    # Rows are short: a small window and a small memory hold all of one, and are set up sooner.
+    # Rows are short, so a small window and memory hold a whole row, and are faster to set up.
     deflate = zlib.compressobj(level, zlib.DEFLATED, _WINDOW_BITS, _MEMORY_LEVEL)
     return _piece(deflate.compress(data) + deflate.flush(zlib.Z_FULL_FLUSH), data)
 
@@ -266,22 +265,22 @@ _END = _chunk(b"IEND", b"")
 
 
 class PictureDigest:
-    """The digest of the pixels of a picture, sixteen bytes, and of it with strips exchanged.
+    """The sixteen-byte digest of a picture's pixels, also with some strips exchanged.
 
     The digest is the value of a polynomial at a fixed base, modulo 2**127 - 1. Its coefficients are
-    the BLAKE2b hashes of the rows of pixels, sixteen bytes each; the lowest row's is the constant
-    term (Karp and Rabin, 1987). As it is a sum, a change of a row changes one summand.
+    the BLAKE2b hashes of the rows of pixels, sixteen bytes each; the constant term belongs to the
+    lowest row (Karp and Rabin, 1987). Changing a row changes one term of the sum.
     """
 
     def __init__(self, strips: Sequence[Strip]) -> None:
-        """Take the picture with nothing exchanged."""
+        """Hash the picture as it is."""
         sums_and_heights = [_strip_sum(strip) for strip in strips]
         self._sums = [strip_sum for strip_sum, _ in sums_and_heights]
         self._powers = _powers(tuple(height for _, height in sums_and_heights))
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
-        """Return the digest with strips, counted from the top, exchanged for as high ones."""
+        """Return the digest with strips exchanged: index from the top -> strip of that height."""
         total = self._sum
         for place, strip in changes.items():
             total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
@@ -290,20 +289,20 @@ class PictureDigest:
 
 @lru_cache(maxsize=64)
 def _powers(heights: tuple[int, ...]) -> list[int]:
-    """Return the factor of each strip: the base to the power of the number of rows below it."""
+    """Return the factor of each strip: the base raised to the number of rows below the strip."""
     powers = [1]
     for height in heights[:0:-1]:
         powers.append(powers[-1] * _repeated(height)[1] % _DIGEST_MODULUS)
     return powers[::-1]
 
 
-# Without the cache of `_strip_sum` or `_repeated` the build writes 0.7 or 0.6 times as many rows a
-# second at 5x5; without that of `_row_hash` 0.96 times as many at 25x25.
+# How many rows per second the build writes without a cache: at 5x5 0.7 times as many without that
+# of `_strip_sum`, 0.6 without `_repeated`; at 25x25 0.96 without `_row_hash`.
 
 
 @lru_cache(maxsize=8_192)
 def _strip_sum(strip: Strip) -> tuple[int, int]:
-    """Return the sum of a strip at the bottom of a picture, and the strip's height."""
+    """Return the sum that a strip adds at the bottom of a picture, and the strip's height."""
     total = height = 0
     for row, count in strip:
         repeated, power = _repeated(count)
@@ -319,9 +318,9 @@ def _row_hash(row: bytes) -> int:
 
 @lru_cache(maxsize=1_024)
 def _repeated(count: int) -> tuple[int, int]:
-    """Return the factors of a row that comes `count` times, and of all that is above it.
+    """Return the factors of a row that is repeated `count` times, and of everything above it.
 
-    They are the sum of the powers of the base below `count`, and the power `count`.
+    They are the sum of the powers of the base from 0 to `count` - 1, and the power `count`.
     """
     power = pow(_DIGEST_BASE, count, _DIGEST_MODULUS)
     return (power - 1) * pow(_DIGEST_BASE - 1, -1, _DIGEST_MODULUS) % _DIGEST_MODULUS, power

@@ -1,8 +1,8 @@
-"""The picture of a state: flat colours on a grid with black walls.
+"""Draw the picture of a state: flat colours on a grid with black walls.
 
 Everything is made of upright rectangles, so a picture consists of a few distinct rows of pixels,
-each repeated, which is what makes the encoder in `png` fast. Cells are square, whatever the shape
-of the labyrinth.
+each repeated; this makes the encoder in `png` fast. Cells are square, whatever the shape of the
+labyrinth.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Colour = tuple[int, int, int]
 class Style:
     """The colours, each as red, green and blue from 0 to 255, and the thickness of walls.
 
-    By default start, goal and agent are red, blue and green as in the original, in the shades of
+    By default start, goal and agent are red, blue and green as in the original, in the shades by
     Okabe and Ito that colour-blind people can tell apart (https://jfly.uni-koeln.de/color/).
     """
 
@@ -43,8 +43,8 @@ class Style:
     door: Colour = (128, 72, 32)
     ice: Colour = (170, 217, 242)
     wall_pixels: int | None = None
-    """The thickness in pixels, a quarter of a cell at most; None for a twelfth of a cell, but two
-    pixels at least."""
+    """The thickness in pixels, at most a quarter of a cell; None for a twelfth of a cell, but at
+    least two pixels."""
 
 
 DEFAULT_STYLE = Style()
@@ -60,17 +60,17 @@ RECOLOURED = Style(
     door=(90, 110, 60),
     ice=(190, 225, 190),
 )
-"""Other colours for everything, none of them black or white, and none that `DEFAULT_STYLE` has."""
+"""Other colours for everything; none is black or white, and none occurs in `DEFAULT_STYLE`."""
 
 
 def style_for(look: Look, height: int, width: int, wall_pixels: int | None = None) -> Style:
-    """Return the style that a look asks for.
+    """Return the style of a look.
 
     Args:
         look: The look of the labyrinths.
         height: Their rows of cells.
         width: Their columns of cells.
-        wall_pixels: The thickness of walls, if it is not the look's.
+        wall_pixels: The thickness of walls; None for the thickness of the look.
 
     Raises:
         ValueError: The labyrinths are too large for every wall to have a pixel.
@@ -80,14 +80,14 @@ def style_for(look: Look, height: int, width: int, wall_pixels: int | None = Non
     return _style(look, wall_pixels)
 
 
-# One object for each, since the caches below compare styles by identity.
+# Cached, so that equal styles are one object: the caches below compare styles by identity.
 @lru_cache(maxsize=64)
 def _style(look: Look, wall_pixels: int | None) -> Style:
     style = RECOLOURED if look is Look.RECOLOURED else DEFAULT_STYLE
     return style if wall_pixels is None else replace(style, wall_pixels=wall_pixels)
 
 
-# What a cell shows, as a number: one of the first eight, plus one of the last two for the agent.
+# The code of what a cell shows: one of the first eight, plus one of the last two for an agent.
 FLOOR, START, GOAL, KEY, DOOR, OPEN_DOOR, ICE, HIDDEN = range(8)
 AGENT, AGENT_WITH_KEY = 8, 16
 
@@ -101,20 +101,20 @@ def render(
     image_size: int = PICTURE_SIZE,
     style: Style | None = None,
 ) -> NDArray[np.uint8]:
-    """Return the picture of a state, shape (image_size, image_size, 3), rows from the top.
+    """Return the image of a state, uint8, shape (image_size, image_size, 3), rows from the top.
 
-    Another size is the picture of `PICTURE_SIZE`, area-averaged. Without a style it is the one that
-    the labyrinth's look asks for.
+    The image is drawn at `PICTURE_SIZE` and area-averaged to other sizes. The default style is that
+    of the labyrinth's look.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel, or `image_size` is
-            not a whole number from 1 to `PICTURE_SIZE`.
+            not an integer from 1 to `PICTURE_SIZE`.
     """
     return Painter(labyrinth, style).array(state, image_size)
 
 
 class Painter:
-    """Draws the states of one labyrinth; what they have in common is drawn once."""
+    """Draws the states of one labyrinth, and draws what they have in common only once."""
 
     def __init__(self, labyrinth: Labyrinth, style: Style | None = None) -> None:
         structure = labyrinth.structure
@@ -128,12 +128,12 @@ class Painter:
         # The open passages of each row of cells, as bit sets over columns.
         self._right = [structure.right >> shift & everything for shift in shifts]
         self._up = [structure.up >> shift & everything for shift in shifts]
-        # What the cells show, except for those that show the floor.
+        # The codes of cells, except for cells that show the floor.
         self._codes = {labyrinth.start: START, labyrinth.goal: GOAL}
         self._codes |= dict.fromkeys(labyrinth.ice, ICE)
         if labyrinth.key is not None and labyrinth.door is not None:
             self._codes |= {labyrinth.key: KEY, labyrinth.door: DOOR}
-        # Above the lowest row of cells are all others and their walls, and perhaps a margin.
+        # The strips above the lowest row of cells: all other rows, their walls, perhaps a margin.
         self._lowest = 2 * structure.height - 1 + (self._grid.top > 0)
 
     def png(self, state: State) -> bytes:
@@ -144,7 +144,7 @@ class Painter:
         """Return the picture of a state, shape (image_size, image_size, 3).
 
         Raises:
-            ValueError: `image_size` is not a whole number from 1 to `PICTURE_SIZE`.
+            ValueError: `image_size` is not an integer from 1 to `PICTURE_SIZE`.
         """
         return shrink(self.strips(state), whole("image_size", image_size, 1, PICTURE_SIZE))
 
@@ -168,7 +168,7 @@ class Painter:
         return self._draw(self._codes, self._right, self._up)
 
     def changes(self, state: State) -> dict[int, Strip]:
-        """Return the strips that show a state, by their place among those of the labyrinth."""
+        """Return the strips that differ in a state, by index among the labyrinth's strips."""
         labyrinth = self._labyrinth
         cell, has_key, door_open = state
         codes: dict[int, int] = {}
@@ -189,7 +189,7 @@ class Painter:
         return strips
 
     def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
-        """Return all strips as the agent sees them; walls that it does not see are shut."""
+        """Return all strips as the agent sees them; passages out of sight are drawn as walls."""
         labyrinth = self._labyrinth
         seen = visible_from(labyrinth.structure, state.agent)
         shown = seen | {labyrinth.start, labyrinth.goal}
@@ -206,7 +206,7 @@ class Painter:
         return self._draw(codes | hidden, right, up)
 
     def _draw(self, codes: dict[int, int], right: list[int], up: list[int]) -> list[Strip]:
-        """Return all strips, given the open passages of each row, and the codes of cells.
+        """Return all strips, given the codes of cells and the open passages of each row.
 
         Cells without a code show the floor.
         """
@@ -224,7 +224,7 @@ class Painter:
 
 
 def usual_wall_pixels(height: int, width: int) -> int:
-    """Return how thick walls are where a style does not say it.
+    """Return the thickness of walls in pixels if the style does not set it.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel.
@@ -235,7 +235,7 @@ def usual_wall_pixels(height: int, width: int) -> int:
             f"a {height}x{width} labyrinth does not fit a picture of {PICTURE_SIZE} pixels: "
             f"{MAX_PICTURED_SIDE} rows and columns at most"
         )
-    # A twelfth of a cell looks right in small labyrinths; two pixels survive the way to 64 x 64.
+    # A twelfth of a cell looks right in small labyrinths; two pixels survive shrinking to 64 x 64.
     return max(PICTURE_SIZE // (12 * most), 2 if PICTURE_SIZE // most >= 4 else 1)
 
 
@@ -258,22 +258,22 @@ class Grid:
         return PICTURE_SIZE - self.rows[-1] - self.thickness
 
     def tall(self, row: int) -> int:
-        """Return the pixels between the walls above and below a row of cells."""
+        """Return the number of pixels between the walls above and below a row of cells."""
         above = len(self.rows) - 2 - row
         return self.rows[above + 1] - self.rows[above] - self.thickness
 
     @cached_property
     def wide(self) -> list[int]:
-        """The pixels between the walls left and right of each column."""
+        """The number of pixels between the walls left and right of each column."""
         return [right - left - self.thickness for left, right in pairwise(self.columns)]
 
     def choose(self, passages: int, closed: bytes, opened: bytes) -> list[bytes]:
-        """Return for each column `opened` if its bit is set, else `closed`."""
+        """Return `opened` for each column whose bit is set in `passages`, else `closed`."""
         columns = range(len(self.columns) - 1)
         return [opened if passages >> column & 1 else closed for column in columns]
 
     def pixels(self, style: Style, between: list[bytes], walls: list[bytes]) -> bytes:
-        """Return a row of pixels, given what is between walls and the wall after each column."""
+        """Return a row of pixels, given the pixels between walls and the wall after each column."""
         floor, left = bytes(style.floor), self.columns[0]
         right = PICTURE_SIZE - self.columns[-1] - self.thickness
         parts = [floor * left, bytes(style.wall) * self.thickness]
@@ -282,18 +282,18 @@ class Grid:
         return b"".join([*parts, floor * right])
 
 
-# Without the caches of `_line`, `_tiles` or `_with_tile` the build writes 0.8, 0.55 or 0.65 times
-# as many rows a second at 5x5, and none of them would hit without that of `grid_of`: 0.5 times.
-# With the whole row drawn anew instead of one tile exchanged it is 0.77 times as many at 25x25.
+# How many rows per second the build writes at 5x5 without a cache: 0.8 times as many without that
+# of `_line`, 0.55 without `_tiles`, 0.65 without `_with_tile`; 0.5 without `grid_of`, since then
+# the others never hit. Drawing whole rows anew instead of exchanging a tile: 0.77 at 25x25.
 
 
 @lru_cache(maxsize=64)
 def grid_of(height: int, width: int, wall_pixels: int | None = None) -> Grid:
-    """Return where the walls are in labyrinths of a size; see `Style` for their thickness.
+    """Return the positions of walls in labyrinths of a size; see `Style` for their thickness.
 
     Raises:
         ValueError: The labyrinth is too large for every wall to have a pixel, or `wall_pixels` is
-            not a whole number from 1 on.
+            not a positive integer.
     """
     most, usual = max(height, width), usual_wall_pixels(height, width)
     thickest = max(usual, PICTURE_SIZE // (4 * most))
@@ -330,13 +330,13 @@ def _tiles(grid: Grid, style: Style, tall: int, codes: tuple[int, ...], passages
         looks = {cell: _tile_row(style, *cell, tall, top) for cell in set(cells)}
         row = grid.pixels(style, [looks[cell] for cell in cells], walls)
         upper.append((row, bottom - top))
-    # Nested squares are as far from the bottom as from the top: the lower half mirrors the upper.
+    # Nested squares are centred, so the lower half mirrors the upper.
     return KeptStrip(upper + upper[-2::-1])
 
 
 @lru_cache(maxsize=8_192)
 def _with_tile(grid: Grid, style: Style, strip: Strip, column: int, code: int) -> Strip:
-    """Return the strip of a row of cells with one cell showing something else."""
+    """Return the strip of a row of cells after changing the code of one cell."""
     left, wide = 3 * (grid.columns[column] + grid.thickness), grid.wide[column]
     right = left + 3 * wide
     bottoms = list(accumulate(count for _, count in strip))

@@ -1,13 +1,13 @@
-"""Pictures at another size: the weights of pixels, and decoded pictures from their strips.
+"""Resize pictures, from their pixels or directly from their strips.
 
-By `area`, the default, each pixel is the exact mean of what it covers: the result is that of
-`area_average` on the large picture, to the last bit. By `bilinear`, it is interpolated
-between the four pixels nearest to its centre, with no antialiasing, as tensors are resized by
-default (`torch.nn.functional.interpolate`, `align_corners=False`): thin lines between two centres
-vanish. It is for comparison with results that were obtained that way.
+By `area`, the default, each pixel is the exact mean of what it covers; resizing strips gives the
+result of `area_average` to the last bit. By `bilinear`, each pixel is interpolated between the four
+pixels nearest to its centre without antialiasing, as PyTorch resizes tensors by default
+(`torch.nn.functional.interpolate`, `align_corners=False`): thin lines between two centres vanish.
+Use it to compare with results that were obtained that way.
 
-A strip occurs at the same height in many pictures, so what it adds to the pixels of the small
-picture is computed once. All sums are in whole numbers.
+A strip occurs at the same height in many pictures, so its share of the small picture is computed
+once. All sums are integers.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Strip
 
 REMEMBERED_BYTES = 32 * 2**20
-"""The size of the cache of shares of strips, for each size of picture.
+"""The size of the cache of shares of strips, for each picture size.
 
-The cache of narrowed rows, which shares are made of, may be as large.
+The cache of narrowed rows, from which shares are made, can be as large.
 """
 
 RESIZES = ("area", "bilinear")
-"""The ways to resize a picture; `bilinear` makes it smaller only."""
+"""The ways to resize a picture; `bilinear` can only shrink it."""
 
 
 class _Share(NamedTuple):
@@ -39,7 +39,7 @@ class _Share(NamedTuple):
     """The first row of pixels that it touches."""
     end: int
     sums: NDArray[np.int32]
-    """Shape (end - first, image_size * 3); at most 255 * 600 * 600 in all, which fits."""
+    """Shape (end - first, image_size * 3); values up to 255 * 600 * 600, which fit an int32."""
     height: int
     """The number of rows of the strip in the large picture."""
 
@@ -48,14 +48,14 @@ def shrink(strips: Sequence[Strip], image_size: int) -> NDArray[np.uint8]:
     """Return a picture at another size, area-averaged.
 
     Args:
-        strips: The picture of `PICTURE_SIZE`, from top to bottom.
+        strips: The picture at `PICTURE_SIZE`, from top to bottom.
         image_size: The side of the result, shape (image_size, image_size, 3).
     """
     if image_size == PICTURE_SIZE:
         return _unshrunk(strips)
     share_of = _remembering_shares(image_size)
     unit = int(weights(image_size)[0].sum()) ** 2
-    # Half of it first, so that the division rounds.
+    # Start with half a unit, so that the division rounds.
     sums = np.full((image_size, 3 * image_size), unit // 2, np.int32)
     top = 0
     for strip in strips:
@@ -77,7 +77,7 @@ def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint
     if side == image_size:
         return picture
     weight_of = weights(image_size, side=side)
-    # Sums of whole numbers below 2 ** 53, so floats hold them exactly.
+    # The sums are integers below 2 ** 53, which floats hold exactly.
     rows = weight_of @ picture.reshape(side, -1).astype(np.float64)
     sums = weight_of @ rows.reshape(image_size, side, 3)
     unit = int(weight_of[0].sum()) ** 2
@@ -91,13 +91,13 @@ def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
     return rows.reshape(len(bands), PICTURE_SIZE, 3).repeat(counts, axis=0)
 
 
-# Without the caches of shares new pictures of 5x5 are made smaller 0.25 times as fast, of 15x15 0.7
-# times; those whose strips have been met 0.15 times.
+# The speed without the caches of shares: 0.25 times for new pictures of 5x5, 0.7 times for new ones
+# of 15x15, and 0.15 times for pictures whose strips have occurred before.
 
 
 @lru_cache(maxsize=4)
 def _remembering_shares(image_size: int) -> Callable[[Strip, int], _Share]:
-    # A strip covers about a tenth of a picture, and touches two rows that others touch as well.
+    # A strip covers about a tenth of a picture, and two rows that it shares with other strips.
     share_bytes = 4 * 3 * image_size * (image_size // 10 + 2)
     shares = max(32, REMEMBERED_BYTES // share_bytes)
     return lru_cache(maxsize=shares)(partial(_share, image_size=image_size))
@@ -124,19 +124,19 @@ def _remembering_narrow(image_size: int) -> Callable[[bytes], NDArray[np.int32]]
 
 
 def _narrow(row: bytes, image_size: int) -> NDArray[np.int32]:
-    """Return a row of pixels at another width, weighted sums, shape (image_size * 3,)."""
+    """Return a row of pixels at another width, as weighted sums, shape (image_size * 3,)."""
     pixels = np.frombuffer(row, np.uint8).reshape(PICTURE_SIZE, 3)
-    # In floats, which hold these whole numbers exactly and are multiplied much faster.
+    # Floats hold these integers exactly, and multiply much faster.
     sums = weights(image_size) @ pixels.astype(np.float64)
     return sums.astype(np.int32).reshape(-1)
 
 
-# Without the cache pictures are made smaller an eighth as fast.
+# Without the cache, shrinking a picture takes eight times as long.
 @lru_cache(maxsize=4)
 def weights(image_size: int, resize: str = "area", side: int = PICTURE_SIZE) -> NDArray[np.float64]:
-    """Return the weight of each pixel in each small one, shape (image_size, side).
+    """Return the weight of each large pixel in each small one, shape (image_size, side).
 
-    Weights are whole numbers with the same sum for every small pixel.
+    Weights are integers with the same sum for every small pixel.
 
     Args:
         image_size: The side of the small picture.
@@ -148,7 +148,7 @@ def weights(image_size: int, resize: str = "area", side: int = PICTURE_SIZE) -> 
         starts, lows = large * image_size, small * side
         shares = np.minimum(starts + image_size, lows + side) - np.maximum(starts, lows)
     else:
-        # From the centre of the first pixel to that of the small one.
+        # From the centre of the first large pixel to the centre of the small one.
         centres = side * (2 * small + 1) - image_size
         shares = 2 * image_size - abs(2 * image_size * large - centres)
     return (shares.clip(0) // math.gcd(image_size, side)).astype(np.float64)

@@ -1,8 +1,8 @@
-"""Pictures of many states at once, at any size: the pixels of `renderer`, drawn together.
+"""Draw pictures of many states at once, at any size, with the same pixels as `renderer`.
 
-What states have in common is drawn once, and what labyrinths of one size have in common together.
-`renderer` makes the strips that PNG files consist of, and draws pictures of 600 x 600 in half the
-time; smaller ones, as loading, environments and evaluation need them, are drawn faster here.
+Parts that states share are drawn once, and labyrinths of one size are drawn together. `renderer`
+makes the strips of PNG files, and takes half the time for pictures of 600 x 600. Smaller pictures,
+which loading, environments and evaluation use, are drawn faster here.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from labyrinth_core.world.dynamics import State, state_index, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
-"""The most bytes of pictures, and cells of their labyrinths, that are drawn together."""
+"""The most bytes of pictures, and cells of their labyrinths, to draw together."""
 
 
 def draw(
@@ -44,20 +44,20 @@ def draw(
     wall_pixels: int | None = None,
     resize: str = "area",
 ) -> Pictures:
-    """Return the pictures of some states of some labyrinths, shape (N, image_size, image_size, 3).
+    """Return pictures of N states of any labyrinths, shape (N, image_size, image_size, 3).
 
     Args:
-        views: Each state with its labyrinth, N of them.
+        views: The states, each with its labyrinth.
         image_size: Pixels on each side of a picture.
-        wall_pixels: The thickness of walls, if it is not that of the labyrinths' looks.
+        wall_pixels: The thickness of walls; None for the thickness of each labyrinth's look.
         resize: One of `resize.RESIZES`.
 
     Raises:
         ValueError: A labyrinth is too large for every wall to have a pixel, or `image_size` is not
-            a whole number from 1 to `PICTURE_SIZE`.
+            an integer from 1 to `PICTURE_SIZE`.
     """
     image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
-    # Labyrinths are compared by identity: by value it takes as long as to draw one twice.
+    # Labyrinths are compared by identity: comparing values takes as long as drawing one twice.
     kinds: dict[int, tuple[Any, ...]] = {}
     groups: dict[tuple[Any, ...], list[int]] = {}
     for place, (labyrinth, _) in enumerate(views):
@@ -127,20 +127,20 @@ def draw_many(
     resize: str = "area",
     out: Pictures | None = None,
 ) -> Pictures:
-    """Return what `draw` returns, given labyrinths and states in arrays.
+    """Return what `draw` returns, given labyrinths and states as arrays.
 
     Args:
-        labyrinths: Some labyrinths.
-        which: The number of the labyrinth in each picture, shape (N,).
-        states: The number of the state in each, as in `dynamics.state_index`, shape (N,).
+        labyrinths: The labyrinths.
+        which: The index of the labyrinth in each picture, shape (N,).
+        states: The index of the state in each, as in `dynamics.state_index`, shape (N,).
         image_size: Pixels on each side of a picture.
-        wall_pixels: The thickness of walls, if it is not that of the labyrinths' look.
+        wall_pixels: The thickness of walls; None for the thickness of the labyrinths' look.
         resize: One of `resize.RESIZES`.
         out: Where the pictures go, shape (N, image_size, image_size, 3); None for a new array.
 
     Raises:
         ValueError: The labyrinths are too large for every wall to have a pixel, or `image_size` is
-            not a whole number from 1 to `PICTURE_SIZE`.
+            not an integer from 1 to `PICTURE_SIZE`.
     """
     height, width = labyrinths.structures.height, labyrinths.structures.width
     image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
@@ -178,13 +178,13 @@ def draw_states(
     Args:
         shape: The rows and columns of cells, and the task.
         vectors: The `initial_vector` of each labyrinth, shape (L, length).
-        which: The number of the labyrinth in each picture, shape (N,).
-        states: The number of the state in each, as in `dynamics.state_index`, shape (N,).
+        which: The index of the labyrinth in each picture, shape (N,).
+        states: The index of the state in each, as in `dynamics.state_index`, shape (N,).
         image_size: Pixels on each side of a picture.
         style: The colours and the thickness of walls.
         resize: One of `resize.RESIZES`.
-        visible: Returns, given some of `which` and the agents' cells, which cells are seen, shape
-            (n, height, width); called under partial observability alone.
+        visible: Returns which cells are visible, shape (n, height, width), given n items of `which`
+            and the agents' cells; called only under partial observability.
         out: Where the pictures go, shape (N, image_size, image_size, 3); None for a new array.
     """
     height, width, task = shape
@@ -196,7 +196,7 @@ def draw_states(
         own = which[start : start + together]
         phase, agents = np.divmod(states[start : start + together], cells)
         key_gone, door_open = phase > 0, phase > 1
-        if task is Task.KEY_AND_DOOR:  # There the agent hides it.
+        if task is Task.KEY_AND_DOOR:  # An agent on the key's cell hides the key.
             key_gone = key_gone | (places[agents] == vectors[own, 3])
         kinds = own * (cells + 4) + (agents if hides else 2 * key_gone + door_open)
         _, first, scene = np.unique(kinds, return_index=True, return_inverse=True)

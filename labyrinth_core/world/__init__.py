@@ -1,1 +1,1 @@
-"""Grid labyrinths: structures, tasks, dynamics, solver, sampling."""
+"""Grid labyrinths: their structure, tasks and dynamics; sampling and solving them."""

@@ -1,6 +1,6 @@
-"""Structures and labyrinths by the thousand, in arrays: rules, states, episodes, tables.
+"""Thousands of structures and labyrinths in arrays: check their rules, replay episodes, tabulate.
 
-In tables over numbered states, of one labyrinth or of many, a step is a look-up.
+Tables over numbered states, of one labyrinth or of many, turn a step into a look-up.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ from labyrinth_core.world.solver import optimal_actions, table_and_distances
 
 @dataclass(frozen=True, eq=False)
 class Structures:
-    """Structures of one size, n of them."""
+    """n structures of one size."""
 
     height: int
     width: int
     up: NDArray[np.bool_]
     """Whether each cell has a passage to the cell above, shape (n, cells)."""
     right: NDArray[np.bool_]
-    """Whether each cell has a passage to the cell at the right, shape (n, cells)."""
+    """Whether each cell has a passage to the cell on the right, shape (n, cells)."""
 
     @classmethod
     def of(cls, structures: Sequence[Structure]) -> Structures:
-        """Return structures of one size, at least one, together."""
+        """Collect one or more structures of the same size."""
         height, width, cells = structures[0].height, structures[0].width, structures[0].cells
         text = "".join(digits(each.up, cells) + digits(each.right, cells) for each in structures)
         is_open = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2, cells) == ord("1")
@@ -70,7 +70,7 @@ class Structures:
 
 @dataclass(frozen=True, eq=False)
 class Labyrinths:
-    """Labyrinths of one size, task and look, n of them, whose tiles have a cell each.
+    """n labyrinths of one size, task and look; no two tiles of a labyrinth share a cell.
 
     States are numbered as in `dynamics.state_index`.
     """
@@ -79,7 +79,7 @@ class Labyrinths:
     task: Task
     look: Look
     tiles: NDArray[np.int64]
-    """The cells of start and goal, with a key then of key and door, shape (n, 2) or (n, 4)."""
+    """The cells of start and goal, then of key and door if any, shape (n, 2) or (n, 4)."""
     ice: NDArray[np.bool_]
     """Whether there is ice in each cell, shape (n, cells)."""
 
@@ -87,7 +87,7 @@ class Labyrinths:
         return len(self.tiles)
 
     def take(self, numbers: NDArray[np.int64]) -> Labyrinths:
-        """Return some of the labyrinths."""
+        """Return the labyrinths with the given numbers."""
         up, right = (passages[numbers] for passages in (self.structures.up, self.structures.right))
         return replace(
             self,
@@ -97,7 +97,7 @@ class Labyrinths:
         )
 
     def keep_the_rules(self) -> bool:
-        """Return whether each is what `Labyrinth` allows."""
+        """Return whether every labyrinth keeps the rules of `Labyrinth`."""
         count, cells = self.ice.shape
         first = cells * np.arange(count)
         onward = self.structures.moves().reshape(-1, 4) + np.repeat(first, cells)[:, None]
@@ -112,7 +112,7 @@ class Labyrinths:
     def transitions(self) -> NDArray[np.int32]:
         """Return the state that each action leads to, shape (n, states, 4).
 
-        States that cannot be have no meaning, as in `dynamics.transition_table`.
+        Rows of impossible states are meaningless, as in `dynamics.transition_table`.
         """
         moves = self.structures.moves()
         if self.task is not Task.KEY_AND_DOOR:
@@ -137,19 +137,19 @@ def replay_many(
     firsts: NDArray[np.int64],
     actions: NDArray[np.int64],
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
-    """Return the states of episodes, one after the other, and whether each is terminal.
+    """Return the states of all episodes, concatenated, and whether each state is terminal.
 
-    All episodes make a step at a time.
+    All episodes advance together, one step at a time.
 
     Args:
         labyrinths: Labyrinths that keep the rules.
         which: The number of each episode's labyrinth.
-        firsts: The place of the first state of each episode in the result, ascending from 0.
-        actions: The action taken in each state, 0 to 3; any in the last state of an episode.
+        firsts: The index of each episode's first state in the result, ascending from 0.
+        actions: The action taken in each state, 0 to 3; arbitrary in an episode's last state.
 
     Returns:
-        The numbers of the states and whether an episode ends in them, shape (len(actions),) each;
-        None if an episode goes on after its end.
+        The index of each state and whether an episode ends there, shape (len(actions),) each; None
+        if an episode continues after a terminal state.
     """
     transitions, terminal = labyrinths.transitions(), labyrinths.terminal()
     states_of_one = terminal.shape[1]
@@ -175,15 +175,15 @@ def replay_many(
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """All that an environment says of a labyrinth, or of several, computed once.
+    """Everything that an environment needs to know of a labyrinth, or of several, precomputed.
 
-    Of several, each array has the labyrinths as another first axis.
+    For several labyrinths, each array has an additional first axis over the labyrinths.
     """
 
     initial: int
-    """Number of the state an episode begins in."""
+    """Index of the state in which an episode begins."""
     transitions: NDArray[np.int32]
-    """Number of the state that each action leads to, shape (states, 4)."""
+    """Index of the state that each action leads to, shape (states, 4)."""
     rewards: NDArray[np.float64]
     """Reward of a step that leads to the state, shape (states,)."""
     terminal: NDArray[np.bool_]
@@ -199,7 +199,7 @@ def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
 
     Args:
         labyrinth: The labyrinth to tabulate.
-        normalised: Whether the goal pays so much that an optimal episode returns exactly 1.
+        normalised: Whether to raise the reward of the goal so that an optimal episode returns 1.
     """
     cells, count = labyrinth.structure.cells, state_count(labyrinth)
     transitions, distance = table_and_distances(labyrinth)
@@ -227,12 +227,12 @@ def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
 def tabulate_many(
     structures: Structures, start: int, goal: int, *, normalised: bool = False
 ) -> Tables:
-    """Return the tables of labyrinths without tiles, in which a state is a cell.
+    """Return the tables of labyrinths without key, door and ice, so that a state is a cell.
 
     Args:
-        structures: Their structures, which are connected.
-        start: Cell of the start of each.
-        goal: Cell of the goal of each.
+        structures: Their structures, all connected.
+        start: The start cell of all of them.
+        goal: The goal cell of all of them.
         normalised: As for `tabulate`.
     """
     count, cells = structures.up.shape
@@ -256,12 +256,12 @@ def distances_from(
     origins: NDArray[np.int64],
     blocked: NDArray[np.int64] | None = None,
 ) -> NDArray[np.int64]:
-    """Return the least number of moves between each cell and an origin, breadth first, shape (N,).
+    """Return each cell's distance from its labyrinth's origin in moves, breadth first, shape (N,).
 
     Args:
         onward: The cells that the four actions lead to from each cell, shape (N, 4).
-        origins: Some cells, one to a labyrinth.
-        blocked: Cells that no way leads through.
+        origins: The origin in each labyrinth.
+        blocked: Cells that are never entered.
     """
     moves, distances = 0, np.full(len(onward), UNREACHABLE)
     claims = np.empty(len(onward), np.int64)
@@ -273,7 +273,7 @@ def distances_from(
         moves += 1
         beside = onward[border].ravel()
         beside = beside[distances[beside] == UNREACHABLE]
-        # A cell beside two of the border goes on once: in the place that claimed it last.
+        # A cell beside several border cells is kept once: the last claim wins.
         places = np.arange(len(beside))
         claims[beside] = places
         border = beside[claims[beside] == places]

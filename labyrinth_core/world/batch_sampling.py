@@ -1,7 +1,7 @@
-"""The structures of many generators, drawn together in arrays.
+"""Sample structures from many generators at once, in arrays.
 
-`sample_each` draws what each generator draws alone, so that an environment among hundreds has the
-labyrinths of a single one. One at a time, sampling takes ten times as long.
+`sample_each` draws from each generator what `sample_structures` would, so a sub-environment gets
+the labyrinths of a single environment. Sampling one by one takes ten times as long.
 """
 
 from __future__ import annotations
@@ -16,40 +16,40 @@ from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.sampling import BLOCK, cells_beside, default_open_walls, twelfths_of
 
 WORD = 64
-"""The largest number of cells of which numpy holds a set in one integer."""
+"""The largest number of cells whose bit set fits a NumPy integer."""
 
 
 class Drawn(NamedTuple):
-    """What `sample_each` drew."""
+    """The result of `sample_each`."""
 
     numbers: NDArray[np.int64]
-    """The numbers of the generators that gave a structure."""
+    """The indices of the generators that gave a structure."""
     structures: Structures
     """Their structures."""
     before: list[Mapping[str, Any]]
-    """The states that they were in before."""
+    """The states of these generators before the draw."""
 
 
 def sample_each(height: int, width: int, generators: Sequence[np.random.Generator]) -> Drawn:
     """Return the first structure that `sample_structures` yields from each generator.
 
-    A generator is left out, and keeps its state, if its walk is long, which few are, or if it is
-    not numpy's default one.
+    A generator is left out, and keeps its state, if it is not NumPy's default one, or if its walk
+    is one of the few long ones.
 
     Args:
         height: Rows.
-        width: Columns; of no more than `WORD` cells.
+        width: Columns; `height * width` is at most `WORD`.
         generators: One for each structure.
     """
     cells = height * width
-    limit = cells * cells.bit_length() * 3 // 2  # Of any size, 96 walks in 100 take no more steps.
+    limit = cells * cells.bit_length() * 3 // 2  # At any size, 96% of walks take no more steps.
     fit, before, words = [], [], []
     for number, generator in enumerate(generators):
         state = generator.bit_generator.state
         if state["bit_generator"] == "PCG64" and not state["has_uint32"]:
             fit.append(number)
             before.append(state)
-            # In a fraction of their time, what generator.bytes(BLOCK) and random(2 * cells) read.
+            # The words that generator.bytes(BLOCK) and random(2 * cells) read, but much faster.
             words.append(generator.bit_generator.random_raw(BLOCK // 8 + 2 * cells))
     raw = np.array(words, np.uint64).reshape(-1, BLOCK // 8 + 2 * cells)
     steps, complete = _twelfths(raw[:, : limit // 8 + 4], limit)
@@ -65,14 +65,14 @@ def sample_each(height: int, width: int, generators: Sequence[np.random.Generato
 
 
 def _twelfths(words: NDArray[np.uint64], limit: int) -> tuple[NDArray[np.uint8], NDArray[np.bool_]]:
-    """Return the first integers from 0 to 11 that rows of words make.
+    """Return the first integers from 0 to 11 that each row of words yields.
 
     Args:
         words: Random words, shape (n, words).
-        limit: The number of integers that each row has to make.
+        limit: The number of integers required from each row.
 
     Returns:
-        The integers, shape (limit, n), and whether each row made `limit` of them, shape (n,).
+        The integers, shape (limit, n), and whether each row yielded `limit` of them, shape (n,).
     """
     draws = [twelfths_of(row.tobytes())[:limit] for row in words.astype("<u8")]
     padded = b"".join(each.ljust(limit, b"\0") for each in draws)
@@ -83,7 +83,7 @@ def _twelfths(words: NDArray[np.uint64], limit: int) -> tuple[NDArray[np.uint8],
 def _walk_together(
     height: int, width: int, steps: NDArray[np.uint8]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return trees made of loop-erased random walks, step by step those of `sampling`.
+    """Return spanning trees from loop-erased random walks, the same walks as in `sampling`.
 
     Args:
         height: Rows.
@@ -109,8 +109,8 @@ def _walk_together(
             break
         after = beside.take(12 * cell + draws.take(growing))
         onward[first + cell] = after
-        # A route is the set of cells between the start of a walk and a cell. A walk that comes
-        # back to its route has gone in a loop, and forgets it: the route is as it was there.
+        # A route is the set of cells between the start of a walk and a cell. A walk that returns
+        # to its route has made a loop and erases it: the route is again what it was at that cell.
         place, bit = first + after, bits.take(after)
         route = np.where(route & bit, routes.take(place), route | bit)
         routes[place], cell = route, after
@@ -147,13 +147,13 @@ def _chosen_neighbours(height: int, width: int) -> NDArray[np.int64]:
 def _structures(
     height: int, width: int, joined: NDArray[np.int64], opened: NDArray[np.bool_]
 ) -> Structures:
-    """Return the structures of trees in which further walls are opened.
+    """Return the structures of trees after further walls are opened.
 
     Args:
         height: Rows.
         width: Columns.
         joined: The cell that each cell of each tree is joined to, shape (n, cells).
-        opened: Whether to open the wall above each cell, and that at its right, (n, 2, cells).
+        opened: Whether to open the wall above and right of each cell, shape (n, 2, cells).
     """
     steps = joined - np.arange(height * width)
     up, right = steps == width, steps == 1

@@ -1,4 +1,4 @@
-"""The dynamics, what the agent sees, and episodes; shared by solver, environment and validation.
+"""The dynamics, visibility, and episodes; shared by solver, environment and validation.
 
 A move into a wall leaves the agent where it is and costs a step, whatever lies behind the wall.
 """
@@ -19,13 +19,13 @@ from labyrinth_core.world.labyrinth import Labyrinth, Moves, Structure, whole
 GOAL_REWARD = 1.0
 ICE_REWARD = -100.0
 STEP_PENALTY = 0.1
-"""The cost of a step that does not end on the goal, times the number of cells."""
+"""The cost of a step that does not end on the goal, before division by the number of cells."""
 STEP_LIMIT = 40
-"""The number of steps for each cell after which an episode is cut; its return is then -4."""
+"""The number of steps per cell after which an episode is truncated; its return is then -4."""
 
 
 class Action(IntEnum):
-    """The four moves of an agent; `UP` increases the row, and is up in the picture."""
+    """The four moves of an agent; `UP` increases the row, and points up in images."""
 
     UP = 0
     RIGHT = 1
@@ -43,7 +43,7 @@ class State(NamedTuple):
 
 
 def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
-    """Return the neighbours of `cell`, by the action that leads there unless walled off."""
+    """Return the neighbours of `cell` in the grid by action, regardless of walls."""
     row, column = divmod(cell, width)
     beside = {}
     if row + 1 < height:
@@ -98,20 +98,20 @@ def state_count(labyrinth: Labyrinth) -> int:
 
 
 def state_index(labyrinth: Labyrinth, state: State) -> int:
-    """Return the index of a state: its cell, plus the number of cells for the key and the door."""
+    """Return a state's index: its cell, plus the cell count once for the key, once for the door."""
     return state.agent + labyrinth.structure.cells * (state.has_key + state.door_open)
 
 
 def state_at(labyrinth: Labyrinth, index: int) -> State:
-    """Return the state with an index; the inverse of `state_index`."""
+    """Return the state with the given index; the inverse of `state_index`."""
     phase, agent = divmod(index, labyrinth.structure.cells)
     return State(agent, phase >= 1, phase == 2)
 
 
 def transition_table(labyrinth: Labyrinth) -> list[Moves]:
-    """Return the indices of the states that the four actions lead to from each state.
+    """Return, for each state, the indices of the states that the four actions lead to.
 
-    Rows of impossible states have no meaning: on the closed door, or on the key without it.
+    Rows of impossible states are meaningless: on a closed door, or on the key without holding it.
     """
     moves, cells = labyrinth.structure.moves, labyrinth.structure.cells
     if labyrinth.door is None:
@@ -158,15 +158,15 @@ class Episode:
 
     @property
     def terminated(self) -> bool:
-        """Whether the episode ends on the goal or on ice instead of being cut."""
+        """Whether the episode ends on the goal or on ice, as opposed to being truncated."""
         return is_terminal(self.labyrinth, self.states[-1])
 
 
 def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
-    """Return the episode in which the agent takes `actions`, from the initial state on.
+    """Return the episode in which the agent takes `actions` from the initial state.
 
     Raises:
-        ValueError: An action is not one of the four, or follows the end of the episode.
+        ValueError: An action is not one of the four, or comes after the end of the episode.
     """
     states = [initial(labyrinth)]
     taken: list[int] = []
@@ -174,17 +174,17 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
         if not 0 <= action < 4:
             raise ValueError(f"action {action}: the actions are 0, 1, 2 and 3")
         if is_terminal(labyrinth, states[-1]):
-            raise ValueError(f"{len(taken)} steps end the episode, but another action follows")
+            raise ValueError(f"the episode ends after {len(taken)} steps, but an action follows")
         states.append(transition(labyrinth, states[-1], action))
         taken.append(action)
     return _episode(labyrinth, states, taken)
 
 
 def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
-    """Return an episode of uniformly random actions, cut after `max_steps`.
+    """Return an episode of uniformly random actions, truncated after `max_steps`.
 
     Raises:
-        ValueError: `max_steps` is not a whole number from 0 on.
+        ValueError: `max_steps` is not a non-negative integer.
     """
     actions = rng.integers(4, size=whole("max_steps", max_steps, 0)).tolist()
     states = [initial(labyrinth)]
@@ -203,14 +203,14 @@ def _episode(labyrinth: Labyrinth, states: list[State], actions: list[int]) -> E
 
 
 DIAGONALS = tuple(product((Action.RIGHT, Action.LEFT), (Action.UP, Action.DOWN)))
-"""The four diagonals: the step to the side, then the one up or down."""
+"""The four diagonals, each as a step sideways, then a step up or down."""
 
 
 def visible_from(structure: Structure, cell: int) -> frozenset[int]:
-    """Return the cells seen from `cell`: itself, straight rays and exact diagonals, unbroken.
+    """Return the cells visible from `cell`: itself, and unobstructed straight lines and diagonals.
 
-    A step along a diagonal is unbroken when the passage to the side, and from there the one up
-    or down, are both open; to the side first, as in the authors' code.
+    A diagonal step is unobstructed if the passage sideways, and from there the passage up or down,
+    are both open; sideways comes first, as in the authors' code.
     """
     moves = structure.moves
     seen = {cell}
@@ -230,11 +230,11 @@ def visible_from(structure: Structure, cell: int) -> frozenset[int]:
 def seen_together(
     moves: NDArray[np.int64], agents: NDArray[np.int64], side: int
 ) -> NDArray[np.bool_]:
-    """Return which of N cells, those of many structures, are seen; as `visible_from` has it.
+    """Return which of the N cells of many structures are visible, by the rule of `visible_from`.
 
     Args:
         moves: The cells that the four actions lead to from each cell, shape (N, 4).
-        agents: The cell of each agent, one to a structure.
+        agents: The cell of the agent in each structure.
         side: The larger of the structures' height and width.
 
     Returns:
@@ -246,7 +246,7 @@ def seen_together(
     for action in Action:
         at = agents
         for _ in range(side - 1):
-            at = flat.take(4 * at + action)  # A wall leads back to a cell that is seen anyway.
+            at = flat.take(4 * at + action)  # A wall leads back to a cell already seen.
             seen[at] = True
     for across, updown in DIAGONALS:
         at = agents

@@ -1,6 +1,6 @@
-"""Structures and labyrinths: their definition, their validity, and their identity.
+"""`Structure` and `Labyrinth`: what they are, which ones are valid, and their ids.
 
-A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 at the left. A bit
+A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 on the left. A bit
 set over cells is an integer whose bit `c`, counted from the lowest, stands for cell `c`.
 """
 
@@ -18,16 +18,16 @@ from operator import index
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
-"""The largest height and width; it limits the time and memory that a stranger's text can take."""
+"""The largest height and width; it limits the time and memory that untrusted text can cost."""
 
 
 def digits(bits: int, cells: int) -> str:
-    """Return a bit set as text: a digit 1 for each cell in it, a 0 for each other, in order."""
+    """Return a bit set as text, a digit per cell in order: 1 if the cell is in the set, else 0."""
     return f"{bits:0{cells}b}"[::-1]
 
 
 def bit_set(digits: str) -> int:
-    """Return the bit set that a text of digits describes; the inverse of `digits`."""
+    """Return the bit set that a string of digits 0 and 1 describes; the inverse of `digits`."""
     return int(digits[::-1], 2)
 
 
@@ -37,7 +37,7 @@ def vertical_edges(height: int, width: int) -> int:
 
 
 def horizontal_edges(height: int, width: int) -> int:
-    """Return the bit set of the cells with a neighbour at the right: all but the last column."""
+    """Return the bit set of the cells with a neighbour to the right: all but the last column."""
     row = (1 << width - 1) - 1
     return row * (((1 << height * width) - 1) // ((1 << width) - 1))
 
@@ -45,21 +45,21 @@ def horizontal_edges(height: int, width: int) -> int:
 def whole(
     name: str, value: object, least: float = -inf, most: float = inf, *, allowed: str = ""
 ) -> int:
-    """Return a whole number of Python's or NumPy's as one of Python's, which cannot overflow.
+    """Return an integer of Python or NumPy as a Python `int`, which cannot overflow.
 
     Args:
         name: The name of the argument, for the message.
         value: Its value.
-        least: The smallest number that is allowed.
-        most: The largest.
-        allowed: What is allowed, in words, if that is more than the numbers between these.
+        least: The smallest number allowed.
+        most: The largest number allowed.
+        allowed: What the message says is allowed, if these bounds do not say it all.
 
     Raises:
-        ValueError: The value is of another type, such as `bool`, or out of bounds.
+        ValueError: The value has another type, such as `bool`, or is out of bounds.
     """
     number = value if type(value) is int else None
     if number is None and isinstance(value, Integral) and not isinstance(value, bool):
-        with suppress(TypeError):  # NumPy has lengths of time as whole numbers, too.
+        with suppress(TypeError):  # NumPy's `timedelta64` counts as Integral, but is no index.
             number = index(value)
     if number is not None and least <= number <= most:
         return number
@@ -69,10 +69,10 @@ def whole(
 
 
 def checked_sides(height: object, width: object) -> tuple[int, int]:
-    """Return the rows and the columns of a labyrinth as numbers of Python's.
+    """Return the height and width of a labyrinth as Python ints.
 
     Raises:
-        ValueError: One of them is not a whole number from 2 to 1,000.
+        ValueError: One of them is not an integer from 2 to 1,000.
     """
     return whole("height", height, MIN_SIDE, MAX_SIDE), whole("width", width, MIN_SIDE, MAX_SIDE)
 
@@ -81,11 +81,11 @@ UNREACHABLE = -1
 """The distance of a state from which the goal cannot be reached."""
 
 Moves = tuple[int, int, int, int]
-"""The cells that the four actions lead to from a cell: up, right, down, left."""
+"""The cells, or states, that the four actions lead to: up, right, down, left."""
 
 
 class LabyrinthError(ValueError):
-    """A labyrinth that breaks a rule of its task; `cell` is the cell at fault, if it is one."""
+    """A labyrinth breaks a rule of its task; `cell` is the cell at fault, or None."""
 
     def __init__(self, message: str, cell: int | None = None) -> None:
         super().__init__(message)
@@ -102,7 +102,7 @@ class Task(StrEnum):
 
 
 class Look(StrEnum):
-    """How the pictures of a labyrinth are drawn; nothing else depends on it."""
+    """How images of a labyrinth are drawn; nothing else depends on it."""
 
     PLAIN = "plain"
     RECOLOURED = "recoloured"
@@ -111,14 +111,14 @@ class Look(StrEnum):
 
 @dataclass(frozen=True, order=True)
 class Structure:
-    """The open passages between neighbouring cells of a grid; ordered as its fields are."""
+    """The open passages between neighbouring cells of a grid; instances sort by their fields."""
 
     height: int
     width: int
     up: int
     """The bit set of the cells with a passage to the cell above."""
     right: int
-    """The bit set of the cells with a passage to the cell at the right."""
+    """The bit set of the cells with a passage to the cell on the right."""
 
     def __post_init__(self) -> None:
         height, width = checked_sides(self.height, self.width)
@@ -131,7 +131,7 @@ class Structure:
 
     @classmethod
     def without_walls(cls, height: int, width: int) -> Structure:
-        """Return the structure that has all passages of a grid."""
+        """Return the structure in which every passage of the grid is open."""
         sides = checked_sides(height, width)
         return cls(*sides, vertical_edges(*sides), horizontal_edges(*sides))
 
@@ -142,7 +142,7 @@ class Structure:
         """Return the structure whose passages join the given pairs of neighbouring cells.
 
         Raises:
-            ValueError: A pair is not one of neighbours, or there are too many rows or columns.
+            ValueError: A pair is not two neighbouring cells, or the height or width is not allowed.
         """
         height, width = checked_sides(height, width)
         up, right = ["0"] * (height * width), ["0"] * (height * width)
@@ -150,18 +150,18 @@ class Structure:
             low, high = sorted(pair)
             beside = (high - low == 1 and high % width) or high - low == width
             if low < 0 or high >= height * width or not beside:
-                raise ValueError(f"cells {pair} of a {height}x{width} grid are no neighbours")
+                raise ValueError(f"cells {pair} of a {height}x{width} grid are not neighbours")
             (up if high - low == width else right)[low] = "1"
         return cls(height, width, bit_set("".join(up)), bit_set("".join(right)))
 
     @classmethod
     def from_bytes(cls, height: int, width: int, data: bytes) -> Structure:
-        """Return the structure of a size with the passages `data`; the inverse of `to_bytes`."""
+        """Return the structure with the passages in `data`; the inverse of `to_bytes`."""
         bits, cells = int.from_bytes(data, "little"), height * width
         return cls(height, width, bits & (1 << cells) - 1, bits >> cells)
 
     def to_bytes(self) -> bytes:
-        """Return the bits of `up`, then of `right`, from the lowest on; bits that fill up are 0."""
+        """Return the bits of `up`, then of `right`, lowest bit first, padded with zeros."""
         bits = self.right << self.cells | self.up
         return bits.to_bytes(-(-2 * self.cells // 8), "little")
 
@@ -175,7 +175,7 @@ class Structure:
 
     @cached_property
     def moves(self) -> list[Moves]:
-        """The cells that the actions lead to from each cell; a wall leads back to the cell."""
+        """For each cell, the cells that the actions lead to; a wall leads back to the cell."""
         width = self.width
         up, right = digits(self.up, self.cells), digits(self.right, self.cells)
         # The last digits are always 0, so an index below 0 finds no passage.
@@ -190,7 +190,7 @@ class Structure:
         ]
 
     def passages(self) -> Iterator[tuple[int, int]]:
-        """Yield each passage once, as `(cell, neighbour above or at the right)`."""
+        """Yield each passage once, as `(cell, neighbour above or on the right)`."""
         for cell, (above, beside, _, _) in enumerate(self.moves):
             if above != cell:
                 yield cell, above
@@ -220,7 +220,7 @@ class Structure:
     def distances(self, source: int, blocked: Collection[int] = ()) -> list[int]:
         """Return the least number of moves from `source` to each cell, avoiding `blocked` cells.
 
-        It is `UNREACHABLE` for cells that cannot be reached.
+        The distance is `UNREACHABLE` for cells that cannot be reached.
         """
         return breadth_first(self.moves, [source], blocked)
 
@@ -231,7 +231,7 @@ class Structure:
 
     @cached_property
     def structure_id(self) -> str:
-        """The structure's hash, sixteen hexadecimal digits: the same everywhere, fits an int64."""
+        """The structure's hash, 16 hexadecimal digits that fit an int64; stable across machines."""
         return identity(f"{self.height}x{self.width}:{self.up:x}:{self.right:x}")
 
     def transposed(self) -> Structure:
@@ -251,20 +251,20 @@ class Structure:
             rows = range(0, self.cells, self.width)
             return bit_set("".join([text[row : row + self.width][::-1] for row in rows]))
 
-        # A passage belongs to the cell at its left, which the reflection puts at its right.
+        # A passage belongs to the cell on its left, which the reflection puts on its right.
         return Structure(self.height, self.width, mirror(self.up), mirror(self.right << 1))
 
     def symmetries(self) -> list[Structure]:
-        """Return the eight rotations and reflections, this structure first, some equal."""
+        """Return the eight rotations and reflections, this structure first; some may be equal."""
         images: list[Structure] = [self]
-        # The two reflections, applied in turn, go once through all eight.
+        # Applying the two reflections in turn goes through all eight once.
         step: Callable[[Structure], Structure]
         for step in [Structure.transposed, Structure.mirrored] * 4:
             images.append(step(images[-1]))
         return images[:8]
 
     def canonical(self) -> Structure:
-        """Return the smaller of the structure and its transpose, by height, width and passages.
+        """Return the smaller of the structure and its transpose, comparing height, width, passages.
 
         The transpose is the reflection that keeps the default start and goal in place.
         """
@@ -276,10 +276,10 @@ def breadth_first(
     sources: Iterable[int],
     blocked: Collection[int] = (),
 ) -> list[int]:
-    """Return the number of steps from the sources to each node, `UNREACHABLE` where none lead.
+    """Return the number of steps from the nearest source to each node, or `UNREACHABLE`.
 
     Args:
-        successors: For each node the nodes one step on.
+        successors: For each node, the nodes one step away.
         sources: The nodes at distance 0.
         blocked: The nodes that are never entered.
     """
@@ -310,10 +310,10 @@ def identity(text: str) -> str:
 class Labyrinth:
     """A structure with a start, a goal, and a task with its tiles. Cells are indices.
 
-    Every instance can be solved and keeps the rules of its task.
+    Every instance is solvable and keeps the rules of its task.
 
     Raises:
-        LabyrinthError: At construction, if the labyrinth breaks one of them.
+        LabyrinthError: The labyrinth is not solvable or breaks a rule; checked at construction.
     """
 
     structure: Structure
@@ -330,9 +330,9 @@ class Labyrinth:
         tiles = [("start", self.start), ("goal", self.goal)]
         locked = self.task is Task.KEY_AND_DOOR
         if (self.key is None) == locked or (self.door is None) == locked:
-            raise LabyrinthError(f"a key and a door belong to {Task.KEY_AND_DOOR}, both or none")
+            raise LabyrinthError(f"only {Task.KEY_AND_DOOR} has a key and a door, and needs both")
         if bool(self.ice) != (self.task is Task.ICY_FLOOR):
-            raise LabyrinthError(f"ice belongs to {Task.ICY_FLOOR}, which needs some")
+            raise LabyrinthError(f"only {Task.ICY_FLOOR} has ice, and needs some")
         if self.key is not None and self.door is not None:
             tiles += [("key", self.key), ("door", self.door)]
         tiles += [("ice", cell) for cell in self.ice]
@@ -350,7 +350,7 @@ class Labyrinth:
         return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
 
     def _make_whole(self) -> None:
-        """Turn cells that are numbers of NumPy's into Python's, and refuse what is no number."""
+        """Convert cells from NumPy integers to Python ints, and refuse all other types."""
         for name in ("start", "goal", "key", "door"):
             cell = getattr(self, name)
             if type(cell) is not int and cell is not None:
@@ -360,7 +360,7 @@ class Labyrinth:
 
     @cached_property
     def cell_distances(self) -> Sequence[int]:
-        """The least number of moves from each cell to the goal, avoiding ice, with an open door."""
+        """The least number of moves from each cell to the goal, avoiding ice; the door is open."""
         return self.structure.distances(self.goal, self.ice)
 
     def _check_solvable(self) -> None:

@@ -1,7 +1,7 @@
-"""Random structures: a spanning tree by one of several algorithms, then further walls are opened.
+"""Sample random structures: draw a spanning tree, then open further walls at random.
 
-Only Wilson's algorithm gives every spanning tree the same probability; with some walls opened
-after it, every connected structure is possible.
+Only Wilson's algorithm gives every spanning tree the same probability. Opening walls afterwards
+makes every connected structure possible.
 """
 
 from __future__ import annotations
@@ -35,17 +35,17 @@ _UNFAIR = bytes(range(252, 256))
 
 
 def twelfths_of(block: bytes) -> bytes:
-    """Return the uniform integers from 0 to 11 that uniform bytes give; about 2% give none."""
+    """Turn uniform bytes into uniform integers from 0 to 11, dropping about 2% of the bytes."""
     return block.translate(_TWELFTHS, _UNFAIR)
 
 
 class Draws:
-    """The randomness of a generator in the two forms that drawing a tree needs."""
+    """The two sources of randomness of the tree algorithms: a generator, and small integers."""
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
         self.twelfths = chain.from_iterable(self._twelfths())
-        """Uniform integers from 0 to 11, whose remainders modulo 2, 3 and 4 are uniform too."""
+        """Uniform integers from 0 to 11; their remainders modulo 2, 3 and 4 are uniform, too."""
 
     def _twelfths(self) -> Iterator[bytes]:
         while True:
@@ -60,7 +60,7 @@ def sample_structures(
     algorithm: str = "wilson",
     open_walls: float | None = None,
 ) -> Iterator[Structure]:
-    """Yield random connected structures without end; a structure may be repeated.
+    """Yield random connected structures forever; a structure can occur more than once.
 
     Args:
         height: Rows.
@@ -71,8 +71,8 @@ def sample_structures(
             None for `default_open_walls`.
 
     Raises:
-        ValueError: The algorithm is unknown, `open_walls` is not a probability, or there are too
-            many rows or columns.
+        ValueError: The algorithm is unknown, `open_walls` is not a probability, or the height or
+            width is not allowed.
     """
     height, width = checked_sides(height, width)
     if algorithm not in ALGORITHMS:
@@ -87,7 +87,7 @@ def sample_structures(
     edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
     draws = Draws(rng)
     while True:
-        digits = ["0"] * (2 * cells)  # First for the passages up, then for those to the right.
+        digits = ["0"] * (2 * cells)  # First the passages up, then the passages to the right.
         for a, b in draw_tree(beside, draws):
             digits[min(a, b) + (0 if abs(b - a) == width else cells)] = "1"
         is_open = bit_set("".join(digits))
@@ -97,16 +97,16 @@ def sample_structures(
         yield Structure(height, width, is_open & (1 << cells) - 1, is_open >> cells)
 
 
-@lru_cache(maxsize=1)  # An environment draws one at a time: 1.1 instead of 1.6 ms at 25x25.
+@lru_cache(maxsize=1)  # For environments, which draw one at a time: 1.1 ms, not 1.6, at 25x25.
 def cells_beside(height: int, width: int) -> Neighbours:
     """Return the neighbours of each cell, regardless of walls, in the order of the actions."""
     return [list(neighbours(cell, height, width).values()) for cell in range(height * width)]
 
 
 def default_open_walls(height: int, width: int) -> float:
-    """Return the share of the walls off the tree that are open in the original's datasets.
+    """Return the share of non-tree walls that are open in the original datasets.
 
-    About 12% at 3x3, 9% at 4x4 and 8% at 5x5, measured on them; 8% for every other size.
+    Measured on these datasets: about 12% at 3x3, 9% at 4x4 and 8% at 5x5. Other sizes get 8%.
     """
     return {9: 0.12, 16: 0.09}.get(height * width if height == width else 0, 0.08)
 
@@ -121,7 +121,7 @@ def _wilson(beside: Neighbours, draws: Draws) -> list[Edge]:
     for start in range(cells):
         cell = start
         while not in_tree[cell]:
-            # Leaving a cell a second time forgets the loop made since the first.
+            # Leaving a cell again overwrites its exit, which erases the loop.
             around = beside[cell]
             onward[cell] = cell = around[next(twelfths) % len(around)]
         cell = start
@@ -197,4 +197,4 @@ ALGORITHMS: dict[str, Callable[[Neighbours, Draws], list[Edge]]] = {
     "kruskal": _kruskal,
     "prim": _prim,
 }
-"""The ways to draw a random spanning tree, by their names in the configuration."""
+"""Name in the configuration -> algorithm that draws a random spanning tree."""

@@ -1,7 +1,7 @@
-"""Routes: distances, optimal actions, shortest routes, simple routes, and remembered routes.
+"""Solve labyrinths: distances, optimal actions, shortest, simple and remembered routes.
 
-Functions of a labyrinth work on the numbered states of `dynamics`, so each task is solved by the
-same code: in key and door the search runs over agent, key and door; ice is a terminal state.
+Functions that take a labyrinth work on the numbered states of `dynamics`, so the same code solves
+every task: in key and door the search covers agent, key and door; ice is a terminal state.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from labyrinth_core.world.labyrinth import (
 Table = Sequence[Moves]
 
 Randomness = np.random.Generator | Callable[[], np.random.Generator]
-"""A generator, or a function that makes one: making one takes longer than solving 5x5."""
+"""A generator, or a function that makes one if needed: making one takes longer than solving 5x5."""
 
 
 def table_and_distances(labyrinth: Labyrinth) -> tuple[Table, Sequence[int]]:
-    """Return the transition table, and the least moves from each state to the goal.
+    """Return the transition table, and the least number of moves from each state to the goal.
 
-    They are `UNREACHABLE` for a state from which no route leads there.
+    The distance is `UNREACHABLE` for a state that cannot reach the goal.
     """
-    if labyrinth.door is None:  # The labyrinth itself keeps them.
+    if labyrinth.door is None:  # The labyrinth itself caches both.
         return transition_table(labyrinth), labyrinth.cell_distances
     return _with_door(labyrinth, labyrinth.door)
 
 
-@lru_cache(maxsize=1)  # A build asks for a route, then for their number: 0.22 instead of 0.42 ms.
+@lru_cache(maxsize=1)  # A build asks for a route, then counts the routes: 0.22 ms, not 0.42.
 def _with_door(labyrinth: Labyrinth, door: int) -> tuple[Table, Sequence[int]]:
     table, cells = transition_table(labyrinth), labyrinth.structure.cells
     predecessors: list[list[int]] = [[] for _ in table]
@@ -47,7 +47,7 @@ def _with_door(labyrinth: Labyrinth, door: int) -> tuple[Table, Sequence[int]]:
         for successor in successors:
             predecessors[successor].append(state)
     goals = range(labyrinth.goal, len(table), cells)
-    # The agent cannot stand on a closed door: no action leads there, and none may lead away.
+    # The agent cannot stand on a closed door, so the search must not pass through these states.
     return table, breadth_first(predecessors, goals, (door, door + cells))
 
 
@@ -64,7 +64,7 @@ def moves_of(labyrinth: Labyrinth) -> int:
 def least_moves(structure: Structure, source: int, target: int) -> int:
     """Return the least number of moves between two cells of a structure, or `UNREACHABLE`.
 
-    All cells are flooded at once, as a bit set, which is quicker than `Structure.distances`.
+    A flood fill on bit sets, which is faster than `Structure.distances`.
     """
     up, right, width = structure.up, structure.right, structure.width
     reached, moves = 1 << source, 0
@@ -78,9 +78,9 @@ def least_moves(structure: Structure, source: int, target: int) -> int:
 
 
 def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:
-    """Return which actions begin a shortest route, shape (states, 4).
+    """Return which actions begin a shortest route, a boolean array of shape (states, 4).
 
-    The rows of the goal, of ice, and of states without a way to the goal are all False.
+    Rows are all False for the goal, for ice, and for states that cannot reach the goal.
     """
     table, found = table_and_distances(labyrinth)
     distance = np.array(found)
@@ -96,7 +96,7 @@ def _choices(table: Table, distance: Sequence[int], state: int) -> list[int]:
 
 
 def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
-    """Return the actions of one shortest route, each such route being equally likely."""
+    """Return the actions of a shortest route, drawn uniformly from all shortest routes."""
     table, distance = table_and_distances(labyrinth)
     state = state_index(labyrinth, initial(labyrinth))
     routes: dict[int, int] = {}
@@ -109,7 +109,7 @@ def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
         if after.count(nearer) > 1:
             routes = routes or _count_shortest_routes(table, distance, state)
             rng = rng() if callable(rng) else rng
-            # A choice weighs as much as the number of routes behind it.
+            # Choose each action in proportion to the number of routes that begin with it.
             ticket = _uniform_below(routes[state], rng)
             for action in _choices(table, distance, state):
                 ticket -= routes[table[state][action]]
@@ -121,12 +121,12 @@ def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
 
 
 def erring_route(labyrinth: Labyrinth, noise: float, rng: np.random.Generator) -> list[int]:
-    """Return the actions of a demonstrator who errs, up to the goal, ice or the step limit.
+    """Return the actions of a noisy demonstrator, up to the goal, ice or the step limit.
 
     Args:
         labyrinth: The labyrinth.
-        noise: The probability of a uniformly random action, which may be optimal by chance;
-            otherwise one of the optimal actions is taken, each equally likely.
+        noise: The probability of a uniformly random action, which may be optimal by chance.
+            Otherwise the demonstrator takes one of the optimal actions, each equally likely.
         rng: The source of all randomness.
     """
     table, optimal = transition_table(labyrinth), optimal_actions(labyrinth)
@@ -148,14 +148,14 @@ def moves_and_routes(labyrinth: Labyrinth) -> tuple[int, int]:
     for nearer in range(moves - 1, -1, -1):
         up, right, down, left = table[state]
         after = (distance[up], distance[right], distance[down], distance[left])
-        if after.count(nearer) > 1:  # Up to here all routes are the same.
+        if after.count(nearer) > 1:  # All shortest routes agree up to here.
             return moves, _count_shortest_routes(table, distance, state)[state]
         state = table[state][after.index(nearer)]
     return moves, 1
 
 
 def count_optimal(labyrinth: Labyrinth, routes: Iterable[Iterable[int]]) -> int:
-    """Return how many actions of the given routes, each from the start, begin a shortest route."""
+    """Return how many actions of the given routes are optimal; each route begins at the start."""
     table, distance = table_and_distances(labyrinth)
     start, count = state_index(labyrinth, initial(labyrinth)), 0
     for route in routes:
@@ -183,7 +183,7 @@ def _count_shortest_routes(table: Table, distance: Sequence[int], start: int) ->
 
 
 def _uniform_below(bound: int, rng: np.random.Generator) -> int:
-    """Return a whole number from 0 to `bound` - 1; the bias is below 2 ** -64."""
+    """Return a random integer from 0 to `bound` - 1; the bias is below 2 ** -64."""
     length = bound.bit_length() // 8 + 9
     return int.from_bytes(rng.bytes(length), "little") * bound >> 8 * length
 
@@ -193,10 +193,10 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
 
     Args:
         labyrinth: The labyrinth to solve.
-        limit: The number of routes to stop at.
+        limit: Stop after this many routes; None for all.
 
     Raises:
-        ValueError: The limit is not a whole number from 0 on.
+        ValueError: The limit is not a non-negative integer.
     """
     limit = None if limit is None else whole("limit", limit, 0)
     table, distance = table_and_distances(labyrinth)
@@ -210,14 +210,14 @@ def shortest_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list
 def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[int]]:
     """Return the actions of every route that visits no state twice, shortest first.
 
-    In key and door the agent may come back to a cell with the key, which is another state.
+    In key and door the agent may return to a cell with the key, since that is another state.
 
     Args:
         labyrinth: The labyrinth to solve.
-        limit: The number of routes to stop at; those found first are not always the shortest.
+        limit: Stop after this many routes, not always the shortest; None for all.
 
     Raises:
-        ValueError: The limit is not a whole number from 0 on.
+        ValueError: The limit is not a non-negative integer.
     """
     limit = None if limit is None else whole("limit", limit, 0)
     table = transition_table(labyrinth)
@@ -228,18 +228,18 @@ def simple_routes(labyrinth: Labyrinth, limit: int | None = None) -> list[list[i
 def _routes(
     labyrinth: Labyrinth, states: int, onward: Callable[[int], Iterable[tuple[int, int]]]
 ) -> Iterator[list[int]]:
-    """Yield the actions of every route that visits no state twice, in the order of the moves.
+    """Yield the actions of every route that visits no state twice, in the order of `onward`.
 
-    The search is depth first. A state that it left without reaching the goal stays closed, since
-    every way from there leads back to the current path; so a dead end is entered once for a route,
-    not once for each of its moves, and finding the next route takes about as long as a walk through
-    the whole labyrinth. When a path that did reach the goal is given up, the states that were
-    closed because of it open again.
+    The search is depth first. A state left without reaching the goal stays closed, because every
+    way on from it leads back to the current path. So each dead end is entered once per route, not
+    once per move, and finding the next route takes about as long as one walk through the whole
+    labyrinth. When the search abandons a path that did reach the goal, the states that were closed
+    because of this path open again.
 
     Args:
         labyrinth: The labyrinth, whose ice is not entered.
         states: The number of its states.
-        onward: For a state the actions that may be taken and the states that they lead to.
+        onward: Returns the actions allowed in a state, each with the state that it leads to.
     """
     goals = range(labyrinth.goal, states, labyrinth.structure.cells)
     start = state_index(labyrinth, initial(labyrinth))
@@ -249,7 +249,7 @@ def _routes(
     dead_ends: list[int] = []
     actions: list[int] = []
     path = [(start, iter(onward(start)), 0)]
-    fruitful = 0  # The number of states at the beginning of the path that have led to the goal.
+    fruitful = 0  # How many states, from the start of the path, have led to the goal.
     while path:
         state, moves, before = path[-1]
         for action, after in moves:
@@ -273,28 +273,28 @@ def _routes(
 
 
 _Tree = dict[int, "_Tree"]
-"""Next cell -> what follows it in the routes."""
+"""Next cell -> the tree of the cells that follow it in the routes."""
 
 
 class RouteMemory:
-    """Routes as the cells that were visited one after the other; steps into walls leave no trace.
+    """Remembered routes, as sequences of visited cells without the steps into walls.
 
-    Any part of a route may be used, such as the rest of it from a cell on its way. An agent that
-    remembers routes and sees which of them is open has learnt nothing about labyrinths, so what it
-    achieves tells how much of a success memory explains.
+    Any part of a route can be reused, for example its end from some cell on. An agent that picks a
+    remembered route that is open has learnt nothing about labyrinths, so its success shows how much
+    of another agent's success memory alone explains.
     """
 
     def __init__(self, routes: Iterable[Iterable[int]]) -> None:
-        """Remember routes, each given as the cell that the agent was in after each step."""
+        """Remember routes, each given as the agent's cell after each step."""
         self._routes = dict.fromkeys(map(_without_stays, routes))
         self._cell = -1
         self._onward: _Tree = {}
-        """The ways on from `_cell`; those from all cells at once would be very many."""
+        """The ways on from `_cell`, cached for one cell, as a tree per cell would be very large."""
 
     def best(self, labyrinth: Labyrinth) -> list[int] | None:
-        """Return the actions of the shortest remembered way from start to goal, None if none is.
+        """Return the actions of the shortest open way that is remembered from start to goal.
 
-        A way is open if no wall, locked door or ice is on it.
+        A way is open if no wall, locked door or ice blocks it. Return None if no way is open.
         """
         table, cells = transition_table(labyrinth), labyrinth.structure.cells
         first = state_index(labyrinth, initial(labyrinth))

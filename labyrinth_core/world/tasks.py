@@ -1,4 +1,4 @@
-"""Where key, door and ice may lie, and random labyrinths; shared by sampler and language.
+"""Place key, door and ice, and sample labyrinths; shared by sampler and language.
 
 The tiles of a task are placed so that they matter: fetching the key is a detour, and the ice
 lies on every shortest route, so that the best route without ice is longer.
@@ -23,9 +23,9 @@ from labyrinth_core.world.labyrinth import (
 from labyrinth_core.world.sampling import sample_structures
 
 ICE_SEARCH = 500_000
-"""About how many cells to look at for a place for ice before giving up."""
+"""About how many cells the search for a place for ice visits before giving up."""
 MAX_DRAWS = 10_000
-"""The structures to draw before giving up; hundreds are plenty where any can hold the task."""
+"""The structures drawn before giving up; hundreds suffice wherever some structure fits the task."""
 
 
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
@@ -45,9 +45,9 @@ def check_open_walls(task: Task, open_walls: float) -> None:
     """
     wish = f"open_walls={open_walls:g} task={task}"
     if task is Task.ICY_FLOOR and open_walls == 0:
-        raise LabyrinthError(f"{wish}: there is one route, and ice needs another; give more than 0")
+        raise LabyrinthError(f"{wish}: without loops ice has no detour; give more than 0")
     if task is Task.KEY_AND_DOOR and open_walls == 1:
-        raise LabyrinthError(f"{wish}: no cell is on every route, for a door; give less than 1")
+        raise LabyrinthError(f"{wish}: without walls every door can be bypassed; give less than 1")
 
 
 def place(
@@ -60,7 +60,7 @@ def place(
     key: int | None = None,
     door: int | None = None,
 ) -> Labyrinth:
-    """Return a labyrinth whose missing tiles of the task are placed at random.
+    """Return a labyrinth with the task's missing tiles placed at random.
 
     Args:
         structure: Its passages.
@@ -76,7 +76,7 @@ def place(
     """
     if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
         return Labyrinth(structure, start, goal, task)
-    Labyrinth(structure, start, goal)  # Raises if start, goal or the way between them is at fault.
+    Labyrinth(structure, start, goal)  # Raises if start, goal or the route between them is invalid.
     if task is Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
         return Labyrinth(structure, start, goal, task, key=key, door=door)
@@ -108,7 +108,7 @@ def _place_key_and_door(
     if not doors and key is not None:
         raise LabyrinthError("no place for the door that fits the key", key)
     if not doors:
-        raise LabyrinthError("no place for the key: none is off the route and before the door")
+        raise LabyrinthError("no place for the key: no cell before the door is a detour")
     door = list(doors)[rng.integers(len(doors))]
     keys = [cell for cell in keys if found[cell] < doors[door]]
     return keys[rng.integers(len(keys))], door
@@ -117,15 +117,15 @@ def _place_key_and_door(
 def _unavoidable(
     structure: Structure, start: int, goal: int
 ) -> tuple[dict[int, int], dict[int, int]]:
-    """Return what lies on every route and what lies before it, in linear time.
+    """Return the cells on every route, and the cells that can be reached before them.
 
     Walk along one shortest route and, from each of its cells, flood the cells beside the route.
-    Where nothing found so far touches the route further on, there is no way around.
+    If nothing found so far touches the route further on, every route visits the cell. Linear time.
 
     Returns:
         The cells between start and goal that every route visits, and the cells off the route
-        taken; both with the place along that route from which they were found. A cell off the
-        route can be reached before a cell on every route if its place is the smaller.
+        walked, each with the index on that route from which it was found. A cell off the route can
+        be reached before an unavoidable cell if its index is smaller.
     """
     moves, distance = structure.moves, structure.distances(goal)
     unavoidable: dict[int, int] = {}
@@ -163,7 +163,7 @@ def _place_ice(
         if from_start[cell] != UNREACHABLE and from_start[cell] + from_goal[cell] == shortest
     }
     closed = _closed_until_longer(structure, start, goal, rng)
-    # The ice covers the shortest routes except where a longer one, chosen here, needs them.
+    # The ice covers the shortest routes, except the cells that the longer route chosen here needs.
     longer = _shortest_route(structure, start, structure.distances(goal, closed), rng)
     return frozenset(on_shortest.difference(longer))
 
@@ -171,11 +171,11 @@ def _place_ice(
 def _closed_until_longer(
     structure: Structure, start: int, goal: int, rng: np.random.Generator
 ) -> list[int]:
-    """Return cells of shortest routes without which the goal is farther, but within reach.
+    """Return cells of shortest routes whose closing makes the goal farther, but still reachable.
 
-    Of each shortest route at least one cell has to be closed, so the search takes one of those
-    left, closes each of its cells in turn, and goes on from there; a cell that did not help stays
-    open after that. It finds such cells wherever there are any, unless it gives up.
+    Each shortest route needs a closed cell. So the search takes a shortest route that is still
+    open, closes each of its cells in turn, and repeats this; a cell that did not help stays open
+    from then on. The search finds a solution whenever one exists, unless it gives up.
 
     Raises:
         LabyrinthError: No such cells exist, or none were found in `ICE_SEARCH` steps.
@@ -202,12 +202,12 @@ def _closed_until_longer(
             if closed:
                 open_for_good[-1].add(closed.pop())
         if not choices:
-            raise LabyrinthError("ice would not matter: no longer route avoids a shortest one")
+            raise LabyrinthError("no place for ice: blocking the shortest routes leaves no detour")
         cell = choices[-1].pop()
         while cell in open_for_good[-1]:
             cell = choices[-1].pop()
         closed.append(cell)
-    raise LabyrinthError("no place was found for ice that would leave a longer route open")
+    raise LabyrinthError("no place was found for ice that leaves a detour open")
 
 
 def _shortest_route(
@@ -223,7 +223,7 @@ def _shortest_route(
 
 
 def tiles_matter(labyrinth: Labyrinth) -> bool:
-    """Return whether the tiles are as `place` lays them: the key a detour, the ice in the way."""
+    """Return whether the tiles matter, as in `place`: the key is a detour, the ice in the way."""
     structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
     if labyrinth.key is not None:
         from_start, from_goal = structure.distances(start), structure.distances(goal)
@@ -244,7 +244,7 @@ def sample_labyrinth(
     algorithm: str = "wilson",
     open_walls: float | None = None,
 ) -> Labyrinth:
-    """Return a random labyrinth; structures that cannot hold the task are drawn again.
+    """Return a random labyrinth, redrawing structures that cannot hold the task.
 
     Args:
         height: Rows.
@@ -254,12 +254,12 @@ def sample_labyrinth(
         start: Cell of the start, None for the bottom left.
         goal: Cell of the goal, None for the top right.
         algorithm: How the spanning tree is drawn, as for `sampling.sample_structures`.
-        open_walls: Probability of opening each wall that the tree leaves.
+        open_walls: Probability of opening each wall that the tree leaves, None for about 0.1.
 
     Raises:
-        LabyrinthError: No structure that was drawn can hold the task, or none can.
-        ValueError: A number is not whole or out of bounds, start and goal are the same cell, or the
-            task or the algorithm is unknown.
+        LabyrinthError: None of the structures drawn can hold the task, or no structure can.
+        ValueError: A number is not an integer or out of bounds, start and goal are the same cell,
+            or the task or the algorithm is unknown.
     """
     height, width = checked_sides(height, width)
     if task not in [*Task]:
@@ -279,12 +279,12 @@ def sample_labyrinth(
         except LabyrinthError:
             continue
     raise LabyrinthError(
-        f"{wish}: none of {MAX_DRAWS:,} labyrinths can hold it; change one of them"
+        f"{wish}: none of {MAX_DRAWS:,} random labyrinths fits; change size, task, start or goal"
     )
 
 
 def wish_text(task: Task, start: int, goal: int, width: int) -> str:
-    """Return task, start and goal as a message names them."""
+    """Return task, start and goal in words, for error messages."""
     return f"task={task}, start={divmod(start, width)}, goal={divmod(goal, width)}"
 
 
@@ -295,26 +295,26 @@ def check_apart(start: int, goal: int, wish: str) -> None:
 
 
 def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generator) -> Labyrinth:
-    """Return a labyrinth with start and goal drawn at random, far enough apart, and its tiles.
+    """Return a labyrinth with random start and goal, far enough apart, and its tiles placed.
 
     Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn first,
-    uniformly, and then the start, uniformly among the cells that are far enough from the goal;
-    where the two cannot hold the task, others are drawn.
+    uniformly, and then the start, uniformly from the cells that are far enough from the goal. If
+    this pair cannot hold the task, another is drawn.
 
     Raises:
         LabyrinthError: No start and goal can hold the task.
     """
     goals = rng.permutation(structure.cells).tolist()
     if task is Task.ICY_FLOOR and not structure.loops:
-        goals = []  # Each cell has one way to it; trying all pairs takes long.
+        goals = []  # A tree has no detour for ice, and trying all pairs would take long.
     return _moved(structure, task, goals, rng)
 
 
 def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """Return the labyrinth with another start, far enough from the goal, and its tiles placed anew.
 
-    Far enough is `(width + height) // 2` moves on a grid without walls, or as far as any other
-    start can be.
+    Far enough is `(width + height) // 2` moves on a grid without walls, or the distance of the
+    farthest other start if that is less.
 
     Raises:
         LabyrinthError: No other start can hold the task.
@@ -350,10 +350,10 @@ def _moved(
     rng: np.random.Generator,
     former: Labyrinth | None = None,
 ) -> Labyrinth:
-    """Return the labyrinth with the first of the goals, and a start, that hold the task.
+    """Return a labyrinth with the first of the goals, and a start, that can hold the task.
 
-    The start differs from that of `former`; where the goal is the same, it may be nearer to the
-    goal than is far enough.
+    The start differs from the start of `former`. If the goal stays the same and no start is far
+    enough from it, the farthest ones are allowed.
     """
     former_start, former_goal = (former.start, former.goal) if former is not None else (None, None)
     for goal in goals:
@@ -367,14 +367,14 @@ def _moved(
 def _ends(
     structure: Structure, other: int, former: int | None, rng: np.random.Generator, *, nearer: bool
 ) -> list[int]:
-    """Return the cells that start or goal may move to, in random order.
+    """Return the cells that one end, start or goal, can move to, in random order.
 
     Args:
         structure: The structure.
-        other: The cell of the other one of the two, which has to be far enough away.
-        former: The cell that is left; None if every cell may be taken.
+        other: The cell of the other end, which has to be far enough away.
+        former: The present cell of this end, which is excluded; None to exclude no cell.
         rng: Draws the order.
-        nearer: Whether the farthest cells are accepted where no cell is far enough.
+        nearer: Whether to accept the farthest cells if no cell is far enough.
     """
     apart = {
         cell: manhattan(cell, other, structure.width)

@@ -114,6 +114,6 @@ def test_two_workers_leave_the_bytes_of_one(tmp_path):
 
 
 def test_labyrinths_that_cannot_hold_the_task_are_refused_before_anything_is_played(tmp_path):
-    with pytest.raises(LabyrinthError, match=r"size=2x2.*can hold it"):
+    with pytest.raises(LabyrinthError, match=r"size=2x2.*random labyrinths fits"):
         compare(tmp_path, "MountainCar-v0", "Labyrinth", size="2", task="icy_floor")
     assert not [path for path in tmp_path.rglob("*") if path.is_file()]

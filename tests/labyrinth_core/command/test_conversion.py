@@ -61,9 +61,9 @@ def test_what_cannot_be_converted_is_told_and_the_rest_is(run, tmp_path):
 def test_an_archive_is_refused_in_one_line_that_says_to_unpack_it(run, tmp_path):
     path = tmp_path / "mazes.zip"
     path.write_bytes(b"PK\3\4 and more")
-    problem = f"{path}: unpack this archive, and give the folder\n"
+    problem = f"{path}: unpack this archive and give the folder\n"
     assert run(path) == (1, "", problem)
-    nothing = f"labyrinth: {path}: no labyrinth in it can be read; files end in .labyrinth, .npy\n"
+    nothing = f"labyrinth: {path}: no readable labyrinth; files must end in .labyrinth, .npy\n"
     assert run(path, "--output", tmp_path / "out") == (1, "", problem + nothing)
     assert not (tmp_path / "out").exists()
 
@@ -72,13 +72,13 @@ def test_an_archive_is_refused_in_one_line_that_says_to_unpack_it(run, tmp_path)
     ("arguments", "message"),
     [
         (["two.npy"], "two.npy holds several labyrinths: give --output FOLDER"),
-        (["two.npy", "--size", "2x3"], "--size goes with a list of edges"),
-        (["two.npy", "--output", "."], "--output .: it is there already; name a new folder"),
-        (["two.npy", "--output", "no/where"], "--output no/where: it has no folder to lie in"),
-        (["a.txt", "--output", "out"], "--output goes with folders, and files that end in .laby"),
-        (["-", "--output", "out"], "--output goes with folders"),
-        (["empty"], "empty: no labyrinth in it can be read; files end in .labyrinth, .npy"),
-        (["empty", "--output", "out"], "empty: no labyrinth in it can be read"),
+        (["two.npy", "--size", "2x3"], "--size is only for lists of edges"),
+        (["two.npy", "--output", "."], "--output .: it already exists; name a new folder"),
+        (["two.npy", "--output", "no/where"], "--output no/where: its parent folder does not"),
+        (["a.txt", "--output", "out"], "--output is only for folders and files that end in .laby"),
+        (["-", "--output", "out"], "--output is only for folders"),
+        (["empty"], "empty: no readable labyrinth; files must end in .labyrinth, .npy"),
+        (["empty", "--output", "out"], "empty: no readable labyrinth"),
         (["nowhere.npy"], "nowhere.npy: No such file or directory"),
         (["nowhere.zip"], "nowhere.zip: No such file or directory"),
     ],

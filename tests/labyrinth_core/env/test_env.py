@@ -233,7 +233,7 @@ IMPOSSIBLE = [
     ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
     ({"max_episode_steps": "5"}, "max_episode_steps='5': give a whole number from 1 on"),
     ({"labyrinth": OPEN, "goal": (0, 0)}, "start and goal must be two different cells"),
-    ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; ice would not matter"),
+    ({"labyrinth": OPEN, "task": "icy_floor"}, "cannot hold it; no place for ice"),
     ({"labyrinth": 3}, "labyrinth=3: give a Labyrinth, its text, or the path of a file"),
     ({"labyrinth": "labyrinth: 5\n"}, "<text>:1:"),
     ({"labyrinth": "no_such.labyrinth"}, "labyrinth=no_such.labyrinth: No such file"),

@@ -53,7 +53,7 @@ def test_an_archive_is_to_be_unpacked_and_the_files_beside_it_are_read(tmp_path,
     folder.mkdir()
     (folder / name).write_bytes(b"anything")
     (folder / "b.labyrinth").write_bytes(TEXT)
-    problem = ": unpack this archive, and give the folder"
+    problem = ": unpack this archive and give the folder"
     assert [(place, found) for _, place, found in read(folder)] == [
         (f"/{name}", f"/{name}{problem}"),
         ("/b.labyrinth", LABYRINTH),
@@ -111,8 +111,8 @@ def test_what_cannot_be_read_is_told_with_its_place_and_the_rest_is_read(tmp_pat
         ("/b.npy", unread[2][1]),
         ("/c.npy", unread[3][1]),
     ]
-    assert unread[2][1].startswith("/b.npy: an array of the shape (3,): expected a wall grid")
-    assert unread[3][1].startswith("/c.npy: no array that can be read: ")
+    assert unread[2][1].startswith("/b.npy: an array of shape (3,): expected a wall grid")
+    assert unread[3][1].startswith("/c.npy: the array cannot be read: ")
     ((split, place, problem),) = read(tmp_path / "x.labyrinth", b"labyrinth:\n---\n")
     assert (split, place) == ("x", "")
     assert problem.startswith(":2:1: the top line of the drawing has the wrong length")
@@ -132,14 +132,14 @@ CLAIM = npy(GRID).replace(b"(5, 7), }" + b" " * 12, b"(5" + b"0" * 12 + b", 7), 
 @pytest.mark.parametrize(
     ("data", "message"),
     [
-        (pickle.dumps(Trap()), "no array that can be read: "),
-        (npy(np.array([None])), "no array that can be read: Object arrays cannot be"),
+        (pickle.dumps(Trap()), "the array cannot be read: "),
+        (npy(np.array([None])), "the array cannot be read: Object arrays cannot be"),
         (npy(np.array(["#"])), "expected an array of booleans or numbers, found <U1"),
-        (npy(GRID)[:-9], "no array that can be read: "),
-        (npy(GRID).replace(b"(5, 7)", b"(1e7,)"), "no array that can be read: "),
-        (npy(np.zeros((10**8, 0, 0))), "an array of the shape (100000000, 0, 0), which "),
-        (CLAIM, "no array that can be read: "),
-        (npy(GRID).replace(b"}  ", b"}]["), "no array that can be read: "),
+        (npy(GRID)[:-9], "the array cannot be read: "),
+        (npy(GRID).replace(b"(5, 7)", b"(1e7,)"), "the array cannot be read: "),
+        (npy(np.zeros((10**8, 0, 0))), "an empty array of shape (100000000, 0, 0)"),
+        (CLAIM, "the array cannot be read: "),
+        (npy(GRID).replace(b"}  ", b"}]["), "the array cannot be read: "),
     ],
 )
 def test_what_is_no_such_file_is_told_in_one_line_and_never_unpickled(tmp_path, data, message):

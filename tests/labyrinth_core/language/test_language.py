@@ -147,7 +147,7 @@ def test_what_is_too_long_is_refused(tmp_path):
         load(path)
     rows = "|   |   |\n|   +   |\n" * 1_000
     error = mistake(f"labyrinth:\n---------\n{rows}| S   E |\n---------\nend\n")
-    assert (error.line, error.message) == (2_002, "the drawing is too high")
+    assert (error.line, error.message) == (2_002, "the drawing is too tall")
 
 
 def test_bytes_that_are_no_utf_8_are_reported_where_they_are():

@@ -39,14 +39,14 @@ def test_an_end_that_is_not_marked_is_where_the_language_has_it():
         (GRID[None], "1 x 5 x 7 elements"),
         (changed(2, 3, 4), "row 2, column 3: expected 0, 1, 2 for the start or 3 for the goal"),
         (GRID + np.where(GRID == 3, np.nan, 0), "row 1, column 5: expected 0, 1, 2"),
-        (changed(0, 0, 2), "row 0, column 0: start and goal are marked in cells"),
+        (changed(0, 0, 2), "row 0, column 0: start and goal must be in cells"),
         (changed(0, 3, 0), "row 0, column 3: a gap in the outer wall"),
         (changed(2, 6, 3), "row 2, column 6: a gap in the outer wall"),
         (changed(2, 2, 0), "row 2, column 2: no wall where four cells meet"),
         (changed(1, 3, 1), "row 1, column 3: a wall where a cell is"),
-        (changed(2, 3, 2), "row 2, column 3: start and goal are marked in cells"),
-        (changed(3, 3, 2), "row 3, column 3: another start: at most one is marked"),
-        (changed(3, 5, 3), "row 3, column 5: another goal: at most one is marked"),
+        (changed(2, 3, 2), "row 2, column 3: start and goal must be in cells"),
+        (changed(3, 3, 2), "row 3, column 3: a second start: mark at most one"),
+        (changed(3, 5, 3), "row 3, column 5: a second goal: mark at most one"),
     ],
 )
 def test_what_is_no_wall_grid_is_refused_with_its_place(grid, message):

@@ -128,7 +128,7 @@ def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
     route = [*shortest_route(labyrinth, np.random.default_rng(0)), *more]
     steps = len(route) - len(more)
     assert replay(labyrinth, route[:steps]).terminated
-    with pytest.raises(ValueError, match=f"^{steps} steps end the episode, but another action"):
+    with pytest.raises(ValueError, match=f"^the episode ends after {steps} steps, but an action"):
         replay(labyrinth, route)
 
 

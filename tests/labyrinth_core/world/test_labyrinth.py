@@ -78,7 +78,7 @@ def test_the_bytes_of_a_structure_are_those_in_the_files_of_candidates():
 
 @pytest.mark.parametrize("pair", [(0, 2), (2, 3), (0, 0), (0, 4), (5, 8), (-1, 0), (-3, 0)])
 def test_a_passage_between_cells_that_are_no_neighbours_is_refused(pair):
-    with pytest.raises(ValueError, match="of a 2x3 grid are no neighbours"):
+    with pytest.raises(ValueError, match="of a 2x3 grid are not neighbours"):
         Structure.from_passages(2, 3, [pair])
 
 
@@ -263,11 +263,11 @@ LOCKED = {"key": (0, 1), "door": (1, 0)}
     [
         ({"start": (3, 0)}, "navigation", "the start is outside the grid: cell 9", None),
         ({"goal": (-1, 0)}, "navigation", "the goal is outside the grid: cell -3", None),
-        ({"key": (0, 1)}, "navigation", "a key and a door belong to key_and_door", None),
-        ({"door": (0, 1)}, "icy_floor", "a key and a door belong to key_and_door", None),
-        ({"door": (0, 1)}, "key_and_door", "both or none", None),
-        ({"ice": {(0, 1)}}, "navigation", "ice belongs to icy_floor", None),
-        ({}, "icy_floor", "ice belongs to icy_floor, which needs some", None),
+        ({"key": (0, 1)}, "navigation", "only key_and_door has a key and a door", None),
+        ({"door": (0, 1)}, "icy_floor", "only key_and_door has a key and a door", None),
+        ({"door": (0, 1)}, "key_and_door", "and needs both", None),
+        ({"ice": {(0, 1)}}, "navigation", "only icy_floor has ice", None),
+        ({}, "icy_floor", "only icy_floor has ice, and needs some", None),
         ({"ice": {(2, 2)}}, "icy_floor", "the goal and the ice share a cell", 8),
         ({"ice": {(3, 1)}}, "icy_floor", "the ice is outside the grid: cell 10", None),
         (LOCKED | {"door": (0, 1)}, "key_and_door", "the key and the door share a cell", 1),

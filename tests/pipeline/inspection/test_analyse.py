@@ -237,8 +237,8 @@ def parquet_of(texts):
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.npy", b"no array", "a.npy: no array that can be read"),
-        ("a.zip", b"PK\5\6" + bytes(18), "a.zip: unpack this archive, and give the folder"),
+        ("a.npy", b"no array", "a.npy: the array cannot be read"),
+        ("a.zip", b"PK\5\6" + bytes(18), "a.zip: unpack this archive and give the folder"),
         ("a.csv", b"", "a.csv: the name of a file must end in .labyrinth, .npy"),
         ("folder", parquet_of(["no labyrinth"]), "train info: not a labyrinth: "),
         ("folder", parquet_of([1]), "every row needs a text"),
