@@ -137,7 +137,7 @@ class DatasetConfig:
         return f"{_COMMAND_LINE[name]}={shown}"
 
     def unusual_options(self) -> dict[str, Any]:
-        """Return the options that differ from their defaults, if they have one.
+        """Return the options that have a default and differ from it.
 
         The keys are the names on the command line, such as `splits.min_walls`.
         """
