@@ -94,8 +94,8 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     size, most = math.prod(shape), _limit()
     if size > most:
         raise DatasetError(
-            f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
-            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
+            f"the pictures take {size / 1e9:.1f} GB, and the limit is {most / 1e9:g} GB: give a "
+            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False to use memory"
         )
     if size >= LARGE:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {folder}", stacklevel=4)
@@ -107,7 +107,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
             _make(folder, shape, content)
     found = _read(folder, shape)
     if found is None:
-        raise OSError(f"{folder} was made, but is not what was written")
+        raise OSError(f"{folder} was written, but does not read back the same")
     return found
 
 

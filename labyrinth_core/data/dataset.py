@@ -191,7 +191,7 @@ def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
     firsts, rows = firsts[:labyrinths], rows[:labyrinths]
     ends = np.cumsum([shard.rows for shard in manifest.of(split)])
     if not ((firsts >= 0) & (rows > 0) & (firsts + rows <= ends[-1])).all():
-        raise DatasetError(f"{TABLE} has other rows than the shards of split={split}")
+        raise DatasetError(f"{TABLE} does not match the shards of split={split}")
     steps = np.zeros(ends[-1] + 1, np.int8)
     steps[firsts] += 1
     steps[firsts + rows] -= 1
@@ -301,7 +301,7 @@ def why_unavailable(source: str, error: Exception) -> str:
         return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
     if Path(source).is_dir():
         return f"{source} cannot be read"
-    return f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
+    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
 
 
 def _has_episodes(folder: AnyPath) -> bool:
@@ -311,5 +311,5 @@ def _has_episodes(folder: AnyPath) -> bool:
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     names = (path.split("/")[-2] for path in manifests)
     held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
-    none = f"none: a dataset has a {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

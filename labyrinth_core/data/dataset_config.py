@@ -106,8 +106,8 @@ class DatasetConfig:
         passages = 2 * self.height * self.width - self.height - self.width
         if not 1 <= self.min_walls <= passages:
             raise ValueError(
-                f"{self.given('min_walls')}: give 1 to {passages}, as many as walls there can be "
-                f"at {size}"
+                f"{self.given('min_walls')}: give 1 to {passages}, the most walls that "
+                f"{size} can have"
             )
         if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
             raise ValueError(
@@ -116,7 +116,7 @@ class DatasetConfig:
             )
         for name in self.shifts:
             if reason := self.why_no(name):
-                raise ValueError(f"shifts: there is no {name}: {reason}")
+                raise ValueError(f"shifts: {name} is not possible: {reason}")
 
     def why_no(self, shift: str) -> str | None:
         """Return why a shift makes no sense with the other options; None if it makes sense."""
@@ -208,7 +208,7 @@ def check_fields(values: Any, kinds: Mapping[str, Any], name: str) -> None:
     """
     right = isinstance(values, dict) and values.keys() == kinds.keys()
     if not right or not all(_is_a(values[field], kind) for field, kind in kinds.items()):
-        raise ValueError(f"{name} has the fields {', '.join(kinds)}, not {values!r:.300}")
+        raise ValueError(f"{name} must have the fields {', '.join(kinds)}, not {values!r:.300}")
 
 
 def _is_a(value: object, kind: Any) -> bool:

@@ -283,7 +283,7 @@ def _observed(
         yield spec.observe(episodes, own), columns
         first = end
     if not first:
-        raise DatasetError("there is no episode in the split")
+        raise DatasetError("the split has no episodes")
 
 
 def _parts(

@@ -63,7 +63,7 @@ class Shard:
         if shard.split not in SPLITS or not re.fullmatch(
             rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
         ):
-            raise ValueError(f"no split {shard.split!r} has a shard {shard.path!r}")
+            raise ValueError(f"split {shard.split!r} cannot have a shard {shard.path!r}")
         return shard
 
 
@@ -92,7 +92,7 @@ def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, A
     check_fields(values, _fields_of(kind), name)
     for field, value in values.items():
         if isinstance(value, int) and not 0 <= value <= MOST:
-            raise ValueError(f"{name} has {field}={value}: it is a number from 0 to {MOST}")
+            raise ValueError(f"{name} has {field}={value}, not a number from 0 to {MOST}")
     return values
 
 

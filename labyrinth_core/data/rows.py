@@ -104,9 +104,9 @@ def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
         return f"rows {footer.num_rows}, but the manifest says {rows}"
     for group in map(footer.row_group, range(footer.num_row_groups)):
         if group.num_rows > MOST_ROWS:
-            return f"a row group of {group.num_rows} rows, but none has more than {MOST_ROWS}"
+            return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
         if group.total_byte_size > MOST_BYTES:
-            return f"a row group of {group.total_byte_size} bytes, more than {MOST_BYTES}"
+            return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
     return None
 
 

@@ -64,7 +64,7 @@ _FAR_APART = Refusal(
 _NOISE = Refusal(
     "noise",
     lambda noise: noise > 0,
-    "with demonstrations.noise the demonstrated route is no shortest one",
+    "with demonstrations.noise the demonstrated route may not be shortest",
 )
 _ICE = Refusal(
     "task", lambda task: task is Task.ICY_FLOOR, "ice only matters where there are loops"

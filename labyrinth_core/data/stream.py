@@ -171,7 +171,7 @@ class Stream(Generic[Item]):
         start = self._start()
         numbers = [at.get(name) for name in start if name != "stream"]
         if at.keys() != start.keys() or not all(type(n) is int and n >= 0 for n in numbers):
-            raise ValueError(f"load_state_dict: {at!r:.99} is not what state_dict gave")
+            raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
         if at["stream"] != start["stream"]:
             raise ValueError(
                 "load_state_dict: the state is of another stream: give the same rows, observation, "

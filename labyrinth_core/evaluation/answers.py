@@ -90,15 +90,15 @@ def fitted(
     kind, pixels, resize = stated("observation"), stated("image_size"), stated("resize")
     if isinstance(kind, str):  # Other policies may use this name for something else.
         if observation not in (None, kind):
-            raise PolicyError(f"the policy looks at observation={kind}, and is shown {observation}")
+            raise PolicyError(f"the policy needs observation={kind}, but is shown {observation}")
         observation = kind
     observation = "image" if observation is None else observation
     if observation == "image" and pixels is not None:
         needed = _needed_size(pixels, height, width)
         if image_size not in (None, needed):
             raise PolicyError(
-                f"the policy looks at pictures of image_size={needed} at {height}x{width}, and is "
-                f"shown image_size={image_size}"
+                f"the policy needs image_size={needed} at {height}x{width}, but is shown "
+                f"image_size={image_size}"
             )
         image_size = needed
     size = DEFAULT_IMAGE_SIZE if image_size is None else image_size
@@ -186,7 +186,7 @@ def _as_array(answer: Any, who: str = "the policy") -> NDArray[Any]:
         return array.astype(np.float64) if array.dtype.kind == "V" else array
     except Exception as error:  # The answer may be of any class.
         name = type(answer).__name__
-        raise PolicyError(f"{who} answered {name}, which is no array: give one") from error
+        raise PolicyError(f"{who} answered {name}, which is not an array: give one") from error
 
 
 def _described(value: Any) -> str:
@@ -268,7 +268,7 @@ def _in_our_form(policy: Any) -> Any:
         return policy
     if hasattr(policy, "reset") and hasattr(policy, "select_action"):
         raise PolicyError(
-            "policy: give one of LeRobot with its processors, as examples/lerobot_policy.py does"
+            "policy: give a LeRobot policy with its processors, as examples/lerobot_policy.py does"
         )
     if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
         return policy

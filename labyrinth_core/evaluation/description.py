@@ -66,13 +66,12 @@ class Description:
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
         if as_compared(self.name).replace("_", " ") in _RESERVED:
-            raise ValueError(f"name={self.name}: a baseline is called so; choose another name")
+            raise ValueError(f"name={self.name}: a baseline has this name; choose another")
         for what in ("name", "author", "url", "date", "budget"):
             text = getattr(self, what)
             if len(text) > LONGEST or not text.isprintable():
                 raise ValueError(
-                    f"{what}={text!r:.60}: give one line of {LONGEST} characters at most, all of "
-                    "which can be seen"
+                    f"{what}={text!r:.60}: give one line of at most {LONGEST} printable characters"
                 )
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")

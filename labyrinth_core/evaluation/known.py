@@ -87,15 +87,15 @@ class KnownSplit:
                 f"{scores.distance[place]} moves, but of {self.distance[place]} in {self.place}"
             )
         if np.any(scores.known_route != self.known_route):
-            yield f"known_route does not say which routes train of {self.place} demonstrates"
+            yield f"known_route does not match the routes that train of {self.place} demonstrates"
         moves, solved = scores.episodes.moves, scores.episodes.solved
         iced = scores.episodes.outcomes == "ice"
         of_parity = np.where(moves % 2 == 1, self.to_ice[:, 1], self.to_ice[:, 0])
         roundabout = solved & (moves > self.distance)
         cases = [
             (iced & (moves < self.to_ice.min(axis=1)), "ice, which is farther away"),
-            (iced & (moves < of_parity) & looks_up, "ice, where so many moves lead to none"),
-            (roundabout & self.single_route & looks_up, "a detour, where only one route leads on"),
+            (iced & (moves < of_parity) & looks_up, "ice, which so many moves cannot reach"),
+            (roundabout & self.single_route & looks_up, "a detour, but only one possible route"),
         ]
         yield from cases_of(scores, cases)
         for name, count in zip(ACCURACIES, self.acting, strict=True):
@@ -103,7 +103,7 @@ class KnownSplit:
             states = count if looks_up else 0
             part = None if share is None else share * states
             if (part is None) != (states == 0) or (part and abs(part - round(part)) > 1e-6):
-                yield f"{name} is {share}, which is no share of {states} states"
+                yield f"{name} is {share}, which is not a share of {states} states"
 
     def other_baselines(
         self, given: Mapping[str, Mapping[str, float]], *, blind: bool

@@ -105,7 +105,7 @@ def number_of(place: Place, places: Mapping[Place, int]) -> int:
     """
     if place not in places:
         raise DatasetError(
-            f"labyrinth {place[0]:016x}: an episode begins off all ways of the agent"
+            f"labyrinth {place[0]:016x}: an episode begins where the agent cannot get"
         )
     return places[place]
 
@@ -151,7 +151,7 @@ def load_arrays(
             place = ids[block.which[first]], int(block.states[first])
             episodes.append((place, rows.actions[first:last].copy()))
     if not held:
-        raise DatasetError(f"split={split}: there is no episode")
+        raise DatasetError(f"split={split} has no episodes")
     return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
 
 

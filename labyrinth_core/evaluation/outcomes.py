@@ -44,12 +44,12 @@ class Rules:
         size, _, task = config.partition("-")
         height, width = parse_size(size)
         if size != f"{height}x{width}" or task not in ("", *map(str, Task)) or task == "navigation":
-            raise ValueError(f"config={config}: there is none of this name")
+            raise ValueError(f"config={config}: there is no such config")
         if way == "look-ups" and episodes != 1:
-            raise ValueError(f"episodes={episodes}: a policy has one in each labyrinth by look-ups")
+            raise ValueError(f"episodes={episodes}: look-ups give one episode in each labyrinth")
         if episodes > MOST_EPISODES:
             raise ValueError(
-                f"episodes={episodes}: {MOST_EPISODES:,} in each labyrinth are the most"
+                f"episodes={episodes}: at most {MOST_EPISODES:,} in each labyrinth are allowed"
             )
         return cls(height * width, Task(task or "navigation"), way == "look-ups", episodes)
 
@@ -105,7 +105,7 @@ def _miscounted(content: Mapping[str, Any], episodes: int) -> Iterator[str]:
             yield f"{name} are of {len(part)} labyrinths, not {content['labyrinths']}"
     if len(set(ids)) < len(ids):
         twice, _ = Counter(ids).most_common(1)[0]
-        yield f"labyrinth {twice} is there twice"
+        yield f"labyrinth {twice} is listed twice"
 
 
 def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterator[str]:
@@ -118,14 +118,14 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
     ended, most = solved | iced, rules.states - 1
     for name in ACCURACIES:
         if content[name] is not None and not rules.looks_up:
-            yield f"{name} is {content[name]}, which a policy has by look-ups alone"
+            yield f"{name} is {content[name]}, which only look-ups can give"
     detour = moves - distance
     cases: list[tuple[Bools, str]] = [
         (np.broadcast_to(distance > most, moves.shape), f"a shortest route of more than {most}"),
         (moves > limit, f"more moves than the limit of {limit}"),
         (solved & (moves < distance), "a solution of fewer moves than a shortest route"),
         (~ended & (moves != limit), f"a failure before the limit of {limit} moves"),
-        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task has not"),
+        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task does not have"),
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
         (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]

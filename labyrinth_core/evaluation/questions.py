@@ -101,8 +101,8 @@ def question(labyrinth: Labyrinth) -> dict[str, Any]:
     """
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         raise ValueError(
-            f"task={labyrinth.task}: no question shows the way, as the agent does not see it; "
-            "choose another task"
+            f"task={labyrinth.task}: most of the labyrinth is hidden from the agent, so "
+            "no question can be asked; choose another task"
         )
     moves, count = moves_and_routes(labyrinth)
     info = dump(labyrinth)

@@ -53,7 +53,7 @@ class Replanner:
             PolicyError: The task's vectors have another layout.
         """
         if tile_count(task) != tile_count(Task.PARTIAL_OBSERVABILITY):
-            raise PolicyError(f"the replanner looks at vectors without key and door, not of {task}")
+            raise PolicyError(f"the replanner needs vectors without key and door, not of {task}")
         return Replanner(height, width, memory=self.memory)
 
     def reset(self, count: int) -> None:

@@ -45,14 +45,14 @@ COLUMNS = 80
 HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
 LEGEND = (
     fill(" ".join(WHY_SPL.split()), COLUMNS),
-    "n x n: SR within as many steps as there are cells. 95%: the interval of SR.\n"
-    "known, new: SR where train demonstrates an optimal route, and where not.\n"
-    "All in percent, but AER and the number of failures by kind (loop, wall, ice).\n"
-    "Beside the failures: SPL/SR of what needs no learning; the optimum is 100/100.",
+    "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
+    "known, new: SR where train demonstrates an optimal route, and where it does not.\n"
+    "All in percent, except AER and the counts of failures by kind (loop, wall, ice).\n"
+    "Beside the failures: SPL/SR of baselines without learning; optimum: 100/100.",
 )
 REPLANNER_LEGEND = """\
-replanner: planning anew after each step, with all that is out of sight taken
-for open; with memory, and without."""
+replanner: replans after each step and assumes that unseen passages are open;
+with memory, and without."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +117,7 @@ class Results:
         if self.image_size is not None:
             shown += f" of {self.image_size} x {self.image_size}"
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        return f"{self.config} of {self.dataset}\n{shown}, {count} a labyrinth, by {self.way}"
+        return f"{self.config} of {self.dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,
@@ -234,7 +234,7 @@ class Results:
         if self.fingerprint != known.fingerprint:
             raise ValueError(
                 f"it is of another dataset than {known.place}: their fingerprints are "
-                f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= names another one)"
+                f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= chooses another)"
             )
 
     def _compare_with(self, known: KnownDataset) -> None:

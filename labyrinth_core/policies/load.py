@@ -116,8 +116,8 @@ def _read_spec(path: Path) -> PolicySpec:
         check_size(path, CONFIG, path.stat().st_size)
         return PolicySpec.from_json(read_json(path))
     except FileNotFoundError as error:
-        reason = f"the folder holds no policy, published or of a run ({RECORD})"
-        raise DatasetError(f"{path} is not there: {reason}") from error
+        reason = f"the folder holds neither a published policy nor a run ({RECORD})"
+        raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
 
@@ -131,7 +131,7 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
         network, run = json.loads(metadata["network"]), read_json(record)["run"]
         return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
     except _UNREADABLE as error:
-        raise DatasetError(f"{folder} is no run of a policy: {one_line(error):.300}") from error
+        raise DatasetError(f"{folder} holds no trained policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
@@ -144,7 +144,7 @@ def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, file.metadata() or {}
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+        raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
     except (*_UNREADABLE, SafetensorError) as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 

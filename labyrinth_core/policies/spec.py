@@ -139,8 +139,8 @@ class PolicySpec:
             own = network.height, network.width, tile_count(Task(network.task))
             if own != (height, width, tile_count(task)):
                 raise PolicyError(
-                    f"the policy looks at vectors of {network.height}x{network.width}, "
-                    f"{network.task}: those of {shape}, {task}, have another meaning"
+                    f"the policy needs vectors of {network.height}x{network.width}, "
+                    f"{network.task}: those of {shape}, {task}, have another layout"
                 )
         if isinstance(self.own, PlannerSpec) and self.own.grid_prior and height != width:
             raise PolicyError(
@@ -196,7 +196,7 @@ class PolicySpec:
         check_shape(average, _BOOLEAN, "average")
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
-            raise ValueError("average is True, but a mapper looks at a picture in one way")
+            raise ValueError("average is True, but a mapper does not average over symmetries")
         resize = content.get("resize", "area")
         check_shape(resize, OneOf(tuple(RESIZES)), "resize")
         spec = cls(network, average, own, resize)

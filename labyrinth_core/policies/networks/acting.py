@@ -194,6 +194,4 @@ def _require_kind(spec: PolicySpec, observations: Any) -> None:
     if isinstance(observations, np.ndarray):
         shown = "image" if observations.dtype == np.uint8 else "vector"
     if shown != spec.observation:
-        raise PolicyError(
-            f"the policy looks at observation={spec.observation}, and is shown {shown}"
-        )
+        raise PolicyError(f"the policy needs observation={spec.observation}, but is shown {shown}")

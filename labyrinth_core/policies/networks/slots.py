@@ -60,8 +60,8 @@ def slots_of(picture: NDArray[np.uint8]) -> Slots:
     colours, first, which = np.unique(pixels, return_index=True, return_inverse=True)
     if len(colours) > MOST_SLOTS:
         raise ValueError(
-            f"a picture has {len(colours)} colours: show pictures of flat colours, {MOST_SLOTS} at "
-            "most, as image_size=600 has them"
+            f"a picture has {len(colours)} colours, more than {MOST_SLOTS}: show pictures of flat "
+            "colours, as with image_size=600"
         )
     order = first.argsort()
     grid = order.argsort().astype(np.uint8)[which].reshape(pixels.shape)
