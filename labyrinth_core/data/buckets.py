@@ -32,7 +32,7 @@ def split_of(structure: Structure, buckets: Sequence[int]) -> str:
 
 
 def bucket_of(config: DatasetConfig, structure: Structure) -> str | None:
-    """Return which of train, validation and test may hold a structure; None if none may.
+    """Return which of train, validation and test may hold a structure; None if it is left out.
 
     With fixed goals this is `split_of`. With varied goals, any rotation or reflection may give the
     same labyrinth again. Then a structure is allowed only if it is in the same split as the

@@ -60,7 +60,7 @@ class Description:
     budget: str = ""
     """What it has learnt from, in words."""
     details: Mapping[str, int] = field(default_factory=dict)
-    """What it has learnt from, in numbers; the keys are those of `DETAILS`."""
+    """Counts, such as of its training labyrinths; the keys are those of `DETAILS`."""
 
     def __post_init__(self) -> None:
         if not self.name.strip():

@@ -62,7 +62,7 @@ def evaluate(
     - An object with `reset(count)` and `act(observations)`, which may have memory. All `count`
       episodes are stepped in lock-step; it still sees the final states of finished episodes, and
       its answers there are ignored.
-    - Either of them with an argument `rng` of the function or of `reset`: a
+    - Either of them, if the function or `reset` takes an argument `rng`: a
       `numpy.random.Generator`, for a stochastic policy. It is stepped, too.
     - A model or policy of Stable-Baselines3, or any object with its `predict`, called with
       `deterministic=True`. If it returns a state, it has memory and is stepped.

@@ -192,7 +192,7 @@ class KnownDataset:
                 raise ValueError(f"{split}: {count} labyrinths, but {self.place} has {right}")
 
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
-        """Return what is known of a split.
+        """Return a split's labyrinths, routes and baselines, computed from the dataset.
 
         Args:
             name: The name of the split.

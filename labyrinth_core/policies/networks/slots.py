@@ -222,7 +222,8 @@ class Surroundings(NamedTuple):
 
         Returns:
             The maximum of each feature over the slots in a block, and 0 in a block without slots,
-            shape (N, cells, W, L, CELL, CELL). A thin wall counts the same beside anything.
+            shape (N, cells, W, L, CELL, CELL). A slot of few pixels, such as a thin
+            wall, counts in full.
         """
         shown = self.others[:, :, None] > 0
         counts = looks[..., None, None].where(shown, looks.new_tensor(-torch.inf)).amax(1)
