@@ -1,1 +1,1 @@
-"""Datasets: what one is on disk, and the way back into episodes and transitions."""
+"""The format of datasets on disk, and how to load them as episodes and transitions."""

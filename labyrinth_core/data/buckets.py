@@ -1,8 +1,8 @@
-"""The part of all structures that may be in train, in validation and in test, in every dataset.
+"""Assign each structure to train, validation or test, alike in every dataset.
 
-A hash of the structure decides, so that what a policy may have learnt from and what it is judged on
-never coincide: within a dataset, across datasets of other seeds or lengths, or of rows and columns
-exchanged (with the same `buckets`), and in labyrinths that are drawn without a dataset.
+A hash of the structure decides. So training and test structures never overlap: within a dataset,
+between datasets with other seeds or lengths or with rows and columns exchanged (if `buckets` are
+the same), and in labyrinths that are sampled without a dataset.
 """
 
 from __future__ import annotations
@@ -18,11 +18,11 @@ from labyrinth_core.world.tasks import MAX_DRAWS, default_start_and_goal, draw_s
 
 
 def split_of(structure: Structure, buckets: Sequence[int]) -> str:
-    """Return whether a structure belongs to train, validation or test, in every dataset.
+    """Return the split to which a structure belongs in every dataset: train, validation or test.
 
     Args:
-        structure: The structure; its mirror image that keeps start and goal gives the same answer.
-        buckets: The percentage of all structures for each of the three.
+        structure: The structure; its mirror image that keeps start and goal is in the same split.
+        buckets: The percentages of all structures in the three splits.
     """
     percent = int(structure.canonical().structure_id, 16) * 100 >> 63
     train, validation, _ = buckets
@@ -32,11 +32,11 @@ def split_of(structure: Structure, buckets: Sequence[int]) -> str:
 
 
 def bucket_of(config: DatasetConfig, structure: Structure) -> str | None:
-    """Return which of train, validation and test a structure may be in, None if in none.
+    """Return which of train, validation and test may hold a structure; None if it is left out.
 
-    With fixed goals that is `split_of`. Where start and goal vary, any rotation or reflection may
-    be the same labyrinth again. Of the eight images of a structure only those may then be used that
-    are in the same bucket as the smallest of them, which depends on nothing else in the dataset.
+    With fixed goals this is `split_of`. With varied goals, any rotation or reflection may give the
+    same labyrinth again. Then a structure is allowed only if it is in the same split as the
+    smallest of its eight images, a rule that depends on nothing else in the dataset.
     """
     split = split_of(structure, config.buckets)
     if config.goals == "fixed":
@@ -48,11 +48,11 @@ def bucket_of(config: DatasetConfig, structure: Structure) -> str | None:
 def sample_test(config: DatasetConfig, rng: np.random.Generator) -> Iterator[Labyrinth]:
     """Yield random labyrinths from the distribution of a dataset's `test`, without end.
 
-    Each is drawn independently of the others and of the dataset, so that a labyrinth of its `test`
-    may be among them, and none of train or validation is. `splits.min_walls` is not observed.
+    Each is drawn independently of the others and of the dataset: labyrinths of its `test` may
+    occur, those of train and validation never do. `splits.min_walls` is not enforced.
 
     Raises:
-        LabyrinthError: Of many structures in a row none can hold the task.
+        LabyrinthError: None of `MAX_DRAWS` structures in a row can hold the task.
     """
     ends = default_start_and_goal(config.height, config.width)
     structures = sample_structures(

@@ -1,10 +1,10 @@
-"""Loaded transitions in a folder, mapped into memory, so that pictures are made only once.
+"""Cache of loaded transitions, mapped into memory, so that pictures are made only once.
 
-The folder holds an array in each file: the observations of all states and the columns of their
-transitions. A SHA-256 of the folder's name and the columns stands beside them; hashing the
-observations would take as long as reading them. A folder that is damaged is made again.
+A cache is a folder with one array per file: the observations of all states and the columns of their
+transitions. Beside them is a SHA-256 of the folder's name and the columns; hashing the observations
+would take as long as reading them. A damaged folder is made again.
 
-One process makes a folder, under a lock and another name, and renames it; others wait for it.
+One process makes a folder under a lock and a temporary name, then renames it; others wait for it.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import locked, naming
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
-"""The environment variable for the most gigabytes of caches in a folder, and its default."""
+"""Environment variable that limits all caches in a folder, in gigabytes; its default."""
 
 LARGE = 500_000_000
-"""The bytes from which on the writing of pictures is announced."""
+"""From this many bytes on, a warning announces that pictures are being written."""
 
 Columns = Mapping[str, NDArray[Any]]
 """Fields of `Transitions` by name."""
@@ -56,7 +56,7 @@ Content = Iterable[tuple[NDArray[np.uint8], Columns]]
 
 
 def name_of(config: str, split: str, image_size: int, content: tuple[Any, ...]) -> str:
-    """Return the name of a cache's folder, given all else that its content depends on."""
+    """Return the name of a cache's folder; `content` is all else that its data depend on."""
     key = hashlib.sha256(repr((image_size, *content)).encode()).hexdigest()
     return f"{config}-{split}-{image_size}-{key[:32]}"
 
@@ -75,14 +75,14 @@ def user_folder() -> Path:
 
 
 def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
-    """Return the frames and columns in a folder, which is made if it is missing or damaged.
+    """Return the frames and columns of a cache, which is made if it is missing or damaged.
 
-    The caches beside it that were used least recently are removed if all would exceed the limit.
+    If all caches together would exceed the limit, the least recently used are removed.
 
     Args:
-        folder: The folder, whose name is one of `name_of`.
+        folder: The folder, with a name from `name_of`.
         shape: The shape of all frames together.
-        content: What the folder holds; iterated only to make it.
+        content: The data of the cache; iterated only if the folder has to be made.
 
     Raises:
         OSError: The folder can be neither read nor made.
@@ -94,8 +94,8 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     size, most = math.prod(shape), _limit()
     if size > most:
         raise DatasetError(
-            f"the pictures are {size / 1e9:.1f} GB, and the cache may have {most / 1e9:g}: give a "
-            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False for the memory"
+            f"the pictures take {size / 1e9:.1f} GB, and the limit is {most / 1e9:g} GB: give a "
+            f"smaller image_size, a higher {LIMIT_VARIABLE}, or cache_dir=False to use memory"
         )
     if size >= LARGE:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {folder}", stacklevel=4)
@@ -107,12 +107,12 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
             _make(folder, shape, content)
     found = _read(folder, shape)
     if found is None:
-        raise OSError(f"{folder} was made, but is not what was written")
+        raise OSError(f"{folder} was written, but does not read back the same")
     return found
 
 
 def _limit() -> int:
-    """Return the most bytes that the caches in a folder may have, by the environment."""
+    """Return the limit of all caches in a folder in bytes, from the environment."""
     text = os.environ.get(LIMIT_VARIABLE, LIMIT)
     with suppress(ValueError):
         if 0 <= float(text) < math.inf:
@@ -139,12 +139,12 @@ def _read(folder: Path, shape: tuple[int, ...]) -> Columns | None:
 
 
 def mapped(path: str | Path) -> NDArray[Any]:
-    """Return the array in a file in the format .npy, mapped into memory and read-only.
+    """Return the read-only array of a .npy file, mapped into memory.
 
-    A tensor made of the array can be written to all the same, which crashes a process where the
-    memory is mapped as read-only. So the memory is mapped as writable, and what is written stays in
-    this process. Linux refuses such a mapping of a file that is larger than all memory, which is
-    then mapped as read-only.
+    PyTorch tensors made from the array ignore its read-only flag, and writing to memory that is
+    mapped read-only crashes the process. So the mapping is copy-on-write: writes stay in this
+    process. Linux refuses such a mapping for a file larger than all memory; that file is mapped
+    read-only.
 
     Raises:
         OSError: The file cannot be read.
@@ -157,7 +157,7 @@ def mapped(path: str | Path) -> NDArray[Any]:
             if error.errno != errno.ENOMEM:
                 raise
             array = npy.open_memmap(path, mode="r")
-    except (SyntaxError, TokenError, OverflowError) as error:  # Of NumPy, for damaged headers.
+    except (SyntaxError, TokenError, OverflowError) as error:  # NumPy's, for damaged headers.
         raise ValueError(str(error)) from error
     array.setflags(write=False)
     return np.asarray(array)
@@ -172,7 +172,7 @@ def _digest(name: str, columns: Columns) -> bytes:
 
 
 def joined_columns(parts: Sequence[Columns]) -> Columns:
-    """Return consecutive columns as one, of the types of `COLUMNS`."""
+    """Concatenate consecutive columns, with the dtypes of `COLUMNS`."""
     return {
         name: np.concatenate([part[name] for part in parts]).astype(dtype, copy=False)
         for name, dtype in COLUMNS.items()
@@ -180,7 +180,7 @@ def joined_columns(parts: Sequence[Columns]) -> Columns:
 
 
 def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
-    """Make the folder of a cache, in place of a damaged one."""
+    """Make the folder of a cache, and replace a damaged one."""
     temporary, parts = folder.with_name(f".{folder.name}"), []
 
     def frames() -> Iterator[NDArray[np.uint8]]:
@@ -209,9 +209,9 @@ def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
 def _save(
     path: Path, dtype: np.dtype[Any], shape: tuple[int, ...], parts: Iterable[NDArray[Any]]
 ) -> None:
-    """Write an array, given in parts, into a file in the format .npy.
+    """Write an array, given in parts, to a .npy file.
 
-    It is written, not mapped: on a full disk a process that writes to mapped memory is killed.
+    The file is not mapped: on a full disk, writing to mapped memory kills the process.
     """
     with path.open("wb") as file:
         header = {"descr": npy.dtype_to_descr(dtype), "fortran_order": False, "shape": shape}
@@ -221,7 +221,7 @@ def _save(
 
 
 def _remove(folder: Path) -> None:
-    """Remove the folder of a cache if it exists; raise OSError if it holds other files, too."""
+    """Remove the folder of a cache if it exists; raise OSError if it also holds other files."""
     with suppress(FileNotFoundError):
         for name in _FILES:
             (folder / name).unlink(missing_ok=True)
@@ -229,7 +229,7 @@ def _remove(folder: Path) -> None:
 
 
 def _make_room(folder: Path, most: int) -> None:
-    """Remove the least recently used caches beside a folder until `most` bytes are left."""
+    """Remove the least recently used caches beside a folder until at most `most` bytes are used."""
     used = {}
     for each in folder.parent.iterdir():
         if _NAME.fullmatch(each.name) and each.is_dir() and each != folder:

@@ -1,6 +1,6 @@
-"""Find a dataset: its folder, a split or some labyrinths of it, and the row groups with them.
+"""Locate a dataset, a split or some of its labyrinths, and the row groups that hold them.
 
-The table of labyrinths is the index: it says which rows a labyrinth has.
+The table of labyrinths is the index: it gives the rows of each labyrinth.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ FULL = GROUP_BYTES // 4
 """A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
 
 Marks = NDArray[np.int8]
-"""For each row of a shard 0 if it is not asked for, 1 if it is, 2 if it also begins a labyrinth."""
+"""Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
 
 Filter: TypeAlias = "Expression"
 """A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
@@ -50,26 +50,26 @@ class Part:
     shards: Sequence[Shard]
     """All shards of the split."""
     marks: Sequence[Marks] | None = None
-    """Which rows of each shard are those of the labyrinths; None for all rows."""
+    """The requested rows of each shard; None for all rows."""
     config: DatasetConfig | None = None
-    """The dataset, if it is known; see `replayed`."""
+    """The dataset's config, if known, which `replayed` checks labyrinths against."""
     place: RemotePath | None = None
-    """Where the shards are that the folder does not hold; None if it holds all that are needed."""
+    """Remote folder of the shards that `folder` lacks; None if it has all that are required."""
     wanted: Wanted | None = None
-    """What it was found by; `units` may need the table."""
+    """The request for this part; `units` may need it to read the table."""
 
     def __len__(self) -> int:
-        """Return the number of its rows."""
+        """Return the number of rows."""
         return int(self.counts().sum())
 
     def counts(self) -> NDArray[np.int64]:
-        """Return how many rows of each shard are its own."""
+        """Return the number of rows of each shard that belong to this part."""
         if self.marks is None:
             return np.array([shard.rows for shard in self.shards])
         return np.array([np.count_nonzero(marks) for marks in self.marks])
 
     def key(self) -> list[str]:
-        """Return hashes of the shards, and of which rows are its own if not all are."""
+        """Return the hash of each shard, and of the selection of rows unless all are selected."""
         hashes = [shard.sha256 for shard in self.shards]
         if self.marks is not None:
             rows = np.packbits(np.concatenate(self.marks) > 0)
@@ -77,10 +77,10 @@ class Part:
         return hashes
 
     def rows(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield its rows; no row group is read that holds none of them.
+        """Yield the rows; row groups that contain none of them are not read.
 
         Raises:
-            DatasetError: A shard is missing or damaged, or not the one that the manifest describes.
+            DatasetError: A shard is missing, damaged, or not the one in the manifest.
         """
         for number in np.flatnonzero(self.counts()).tolist():
             with self.opened(number) as file:
@@ -90,7 +90,7 @@ class Part:
     def rows_of(
         self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
     ) -> Iterator[Rows]:
-        """Yield its rows in row groups of a shard, given the opened file and the shard's number."""
+        """Yield the rows in some row groups of shard `number`, which is open as `file`."""
         if self.marks is None:
             yield from rows_together(file, groups, pictures=pictures)
             return
@@ -103,10 +103,10 @@ class Part:
             first = end
 
     def units(self, file: ParquetFile, number: int) -> tuple[list[range], NDArray[np.int64]]:
-        """Divide a shard into units, each of the fewest row groups that no episode leaves.
+        """Divide a shard into units, the smallest runs of row groups that no episode crosses.
 
         Returns:
-            The row groups of each unit, and how many of its rows are the part's own.
+            The row groups of each unit, and the number of its rows that belong to this part.
         """
         ends = group_ends(file)
         sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 1)]
@@ -122,13 +122,13 @@ class Part:
 
     @cached_property
     def _begins(self) -> list[Marks]:
-        """The marks of all rows of the split, from the table."""
+        """The marks of the whole split, from the table of labyrinths."""
         assert self.wanted is not None
         whole = replace(self.wanted, labyrinths=None, where=None)
         return _marks(whole, Manifest.read(whole.locate([])))
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
-        """Open a shard; an error within means that it cannot be read."""
+        """Open a shard; a read error inside the block becomes a DatasetError."""
         shard = self.shards[number]
         if self.place is None or (self.folder / shard.path).is_file():
             return opened(self.folder, shard)
@@ -137,7 +137,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Wanted:
-    """A split or a part of it that a caller wants; see `load.load_episodes` for the fields."""
+    """A request for a split or a part of it; see `load.load_episodes` for the fields."""
 
     source: str | Path
     config: str
@@ -152,11 +152,11 @@ class Wanted:
 
 
 def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
-    """Return a split or a part of it; from the Hub come only the shards that hold some of it.
+    """Return a split or a part of it; only the shards that it needs are downloaded from the Hub.
 
     Args:
-        wanted: The split or part of it.
-        in_place: Whether shards on the Hub are not downloaded, but read where they are.
+        wanted: The request.
+        in_place: Whether to read shards on the Hub remotely instead of downloading them.
 
     Raises:
         ValueError, DatasetError: As for `load.load_episodes`.
@@ -173,14 +173,14 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
             held = zip(part.shards, part.counts(), strict=True)
             part = replace(part, folder=wanted.locate([s.path for s, rows in held if rows]))
     if in_place and local_folder(wanted.source, wanted.config, wanted.revision) is None:
-        commit = folder.parent.name  # What is read later is of the same commit.
+        commit = folder.parent.name  # Later reads use the same commit.
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
         part = replace(part, place=place, wanted=replace(wanted, revision=commit))
     return part
 
 
 def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
-    """Return which rows of each shard of a split are those of the labyrinths asked for."""
+    """Return the marks of each shard of the split, for the requested labyrinths."""
     labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
     firsts, rows = _rows_of_labyrinths(wanted, manifest)
     if labyrinths is not None:
@@ -191,7 +191,7 @@ def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
     firsts, rows = firsts[:labyrinths], rows[:labyrinths]
     ends = np.cumsum([shard.rows for shard in manifest.of(split)])
     if not ((firsts >= 0) & (rows > 0) & (firsts + rows <= ends[-1])).all():
-        raise DatasetError(f"{TABLE} has other rows than the shards of split={split}")
+        raise DatasetError(f"{TABLE} does not match the shards of split={split}")
     steps = np.zeros(ends[-1] + 1, np.int8)
     steps[firsts] += 1
     steps[firsts + rows] -= 1
@@ -203,7 +203,7 @@ def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
 def _rows_of_labyrinths(
     wanted: Wanted, manifest: Manifest
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first row of each labyrinth that a filter leaves, and how many rows it has."""
+    """Return the first row and the number of rows of each labyrinth that passes the filter."""
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -235,21 +235,21 @@ def _rows_of_labyrinths(
 def locate(
     source: str | Path, config: str, files: Iterable[str], revision: str | None = None
 ) -> AnyPath:
-    """Return the folder with a dataset's manifest and other files, given by names or patterns.
+    """Return the folder with a dataset's manifest and the files that match names or patterns.
 
-    Files on the Hub are downloaded to its cache first; `../README.md` is the card of all configs.
+    Files on the Hub are downloaded first; `../README.md` is the dataset card of all configs.
 
     Raises:
-        DatasetError: There is no such folder, or the Hub does not provide it.
+        DatasetError: The folder does not exist, or the Hub cannot provide it.
     """
     return local_folder(source, config, revision) or _download(str(source), config, files, revision)
 
 
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
-    """Return the folder with a dataset's manifest, None for an id on the Hub.
+    """Return the folder with a dataset's manifest, or None for an id on the Hub.
 
     Raises:
-        ValueError: A revision is given for a folder, or the config is not a text.
+        ValueError: A revision is given for a folder, or `config` is not a string.
         DatasetError: The source is neither a folder nor an id, or has no such config.
     """
     if not isinstance(config, str):
@@ -295,13 +295,13 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
 
 
 def why_unavailable(source: str, error: Exception) -> str:
-    """Return why the Hub's client, or `datasets`, does not provide a dataset, given its error."""
+    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
     file = error.filename if isinstance(error, OSError) else None
     if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
         return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
     if Path(source).is_dir():
         return f"{source} cannot be read"
-    return f"{source} is no folder (labyrinth-datasets makes one), and not to be had from the Hub"
+    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
 
 
 def _has_episodes(folder: AnyPath) -> bool:
@@ -311,5 +311,5 @@ def _has_episodes(folder: AnyPath) -> bool:
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     names = (path.split("/")[-2] for path in manifests)
     held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
-    none = f"none: a dataset has a {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -1,4 +1,4 @@
-"""The options that determine the rows of a dataset, as its manifest keeps them."""
+"""The options that determine the rows of a dataset, as stored in its manifest."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
 
 QUESTIONS = "questions"
-"""The end of the name of the config with a dataset's questions, which has no episodes."""
+"""The suffix of the config with a dataset's questions, which has no episodes."""
 
 GOALS = ("fixed", "varied")
-"""Where start and goal of train, validation and test may lie: in the corners, or drawn for each."""
+"""Start and goal in train, validation and test: in the corners, or drawn for each labyrinth."""
 
 
 def _option(
@@ -31,8 +31,8 @@ def _option(
 
     Args:
         holds: Returns whether a value is allowed.
-        allowed: What to give, for the message that refuses another value.
-        name: The name on the command line, where that is not the field's.
+        allowed: What to give instead, for the error message.
+        name: The name on the command line, if it is not the field's.
         default: The value at which a manifest leaves the option out.
     """
     metadata = {"holds": holds, "allowed": allowed, "name": name}
@@ -51,10 +51,10 @@ def _one_of(*words: str, default: Any = MISSING) -> Any:
 class DatasetConfig:
     """The options that determine the rows of a dataset, and no others.
 
-    Options with a default are in a manifest only with another value.
+    A manifest leaves out options that have their defaults.
 
     Raises:
-        ValueError: A value is impossible; the message names the option, the value and what is
+        ValueError: A value is not allowed; the message names the option, the value and what is
             allowed.
     """
 
@@ -74,7 +74,7 @@ class DatasetConfig:
     """The percentages of all structures that may be in train, validation and test."""
     seed: int = _option(lambda seed: 0 <= seed < 2**64, "give 0 or more, below 2**64")
     min_walls: int = field(default=1, metadata={"name": "splits.min_walls"})
-    """The least number of walls in which structures of two splits differ."""
+    """Structures of different splits differ in at least this many walls."""
     shifts: tuple[str, ...] = ()
     """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
     noise: float = _option(
@@ -106,8 +106,8 @@ class DatasetConfig:
         passages = 2 * self.height * self.width - self.height - self.width
         if not 1 <= self.min_walls <= passages:
             raise ValueError(
-                f"{self.given('min_walls')}: give 1 to {passages}, as many as walls there can be "
-                f"at {size}"
+                f"{self.given('min_walls')}: give 1 to {passages}, the most walls that "
+                f"{size} can have"
             )
         if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
             raise ValueError(
@@ -116,17 +116,17 @@ class DatasetConfig:
             )
         for name in self.shifts:
             if reason := self.why_no(name):
-                raise ValueError(f"shifts: there is no {name}: {reason}")
+                raise ValueError(f"shifts: {name} is not possible: {reason}")
 
     def why_no(self, shift: str) -> str | None:
-        """Return why a shift makes no sense with the other options, None if it does."""
+        """Return why a shift makes no sense with the other options; None if it makes sense."""
         for option, refuses, reason in SPLITS[shift].refusals:
             if refuses(value := getattr(self, option)):
                 return reason.format(value)
         return None
 
     def given(self, name: str) -> str:
-        """Return an option as it is given on the command line, such as `splits.min_walls=2`."""
+        """Return an option as written on the command line, such as `splits.min_walls=2`."""
         value = getattr(self, name)
         if name == "buckets":
             return " ".join(
@@ -137,16 +137,16 @@ class DatasetConfig:
         return f"{_COMMAND_LINE[name]}={shown}"
 
     def unusual_options(self) -> dict[str, Any]:
-        """Return the options that do not have their defaults, of those that have one.
+        """Return the options that have a default and differ from it.
 
-        Their names are those on the command line, such as `splits.min_walls`.
+        The keys are the names on the command line, such as `splits.min_walls`.
         """
         values = {name: getattr(self, name) for name in _DEFAULTS}
         return {_COMMAND_LINE[n]: value for n, value in values.items() if value != _DEFAULTS[n]}
 
     @property
     def wall_pixels(self) -> int:
-        """The thickness of walls in its pictures."""
+        """The thickness of walls in the dataset's pictures, in pixels."""
         return usual_wall_pixels(self.height, self.width)
 
     @property
@@ -163,7 +163,7 @@ class DatasetConfig:
     def to_json(self) -> dict[str, Any]:
         """Return the options in plain types; `from_json` is the inverse.
 
-        Options are left out at their defaults.
+        Options that have their defaults are left out.
         """
         plain = asdict(self) | {"task": str(self.task)}
         return {
@@ -177,7 +177,7 @@ class DatasetConfig:
         """Return the config that `to_json` described.
 
         Raises:
-            ValueError: A field is missing, unknown, of the wrong type, or impossible.
+            ValueError: A field is missing, unknown, of the wrong type, or not allowed.
         """
         plain: dict[str, Any] = {
             name: tuple(value) if isinstance(value, list) else value
@@ -197,22 +197,22 @@ _COMMAND_LINE = {e.name: e.metadata.get("name") or e.name for e in fields(Datase
 """Field -> its name on the command line."""
 
 _KINDS = get_type_hints(DatasetConfig) | {"task": str}
-"""Field of the JSON object -> its type, with tuples for lists."""
+"""Field of the JSON object -> type, with tuples for lists."""
 
 
 def check_fields(values: Any, kinds: Mapping[str, Any], name: str) -> None:
-    """Check that an object from JSON, with tuples for lists, has the fields of some types.
+    """Check the fields and types of an object from JSON whose lists have become tuples.
 
     Raises:
         ValueError: A field is missing, unknown or of another type.
     """
     right = isinstance(values, dict) and values.keys() == kinds.keys()
     if not right or not all(_is_a(values[field], kind) for field, kind in kinds.items()):
-        raise ValueError(f"{name} has the fields {', '.join(kinds)}, not {values!r:.300}")
+        raise ValueError(f"{name} must have the fields {', '.join(kinds)}, not {values!r:.300}")
 
 
 def _is_a(value: object, kind: Any) -> bool:
-    """Return whether a value from JSON, with tuples for lists, is of a type of `_KINDS`."""
+    """Return whether a JSON value, with tuples for lists, has a type such as those of `_KINDS`."""
     items = get_args(kind)
     if not isinstance(value, tuple) or not items:
         return type(value) is kind

@@ -1,7 +1,7 @@
-"""Episodes replayed: the labyrinth and the state in each row, in arrays.
+"""Replay episodes: find the labyrinth and the state of each row, as arrays.
 
-Labyrinths of one kind are parsed and replayed together. Whatever loads a dataset takes it in this
-form: pictures, vectors and texts are made from it, and so are the arrays of `evaluation`.
+Labyrinths of one kind are parsed and replayed together. All loaders build on these arrays: they
+make pictures, vectors and texts, and the arrays of `evaluation`, from them.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import optimal_actions
 
 PARSED_CELLS = 2**16
-"""The cells of labyrinths that are parsed and replayed together."""
+"""The cells of labyrinths that are parsed and replayed in one batch."""
 
 
 class WholeEpisodes(NamedTuple):
-    """The rows of one or more episodes, e of them."""
+    """The rows of e whole episodes, e >= 1."""
 
     rows: Rows
     firsts: NDArray[np.int64]
@@ -55,10 +55,10 @@ class WholeEpisodes(NamedTuple):
 
 
 def grouped(blocks: Iterable[Rows]) -> Iterator[WholeEpisodes]:
-    """Yield the episodes of rows, which may cross the ends of blocks.
+    """Group blocks of rows into episodes, which may span several blocks.
 
     Raises:
-        DatasetError: The rows do not make episodes; raised after the episodes before that row.
+        DatasetError: The rows do not form episodes; raised after the episodes before that row.
     """
     pending: Rows | None = None
     before = 0
@@ -80,12 +80,12 @@ def grouped(blocks: Iterable[Rows]) -> Iterator[WholeEpisodes]:
 
 
 def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str] | None:
-    """Return the first row that makes no episode with the others, and why, None if all do.
+    """Return the first row that breaks an episode, and why; None if all rows form episodes.
 
     Args:
-        rows: The rows, of which the first has to begin an episode.
-        ends: Those that take no action.
-        before: How many rows there are before these.
+        rows: The rows; the first must begin an episode.
+        ends: The indices of the rows without an action.
+        before: The number of rows before these.
     """
     begins = np.zeros(len(rows.actions), np.bool_)
     begins[:1] = True
@@ -132,21 +132,21 @@ class LoadedEpisode:
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """One or more episodes in labyrinths of one size, task and look, replayed."""
+    """One or more replayed episodes, in labyrinths of one size, task and look."""
 
     whole: WholeEpisodes
-    """Their rows, n of them."""
+    """The n rows of the episodes."""
     texts: list[str]
     """The canonical text of each labyrinth."""
     labyrinths: Labyrinths
     which: NDArray[np.int64]
-    """The number of the labyrinth in each row, shape (n,)."""
+    """The index in `labyrinths` of each row's labyrinth, shape (n,)."""
     states: NDArray[np.int64]
-    """The number of the state in each row, as in `dynamics.state_index`, shape (n,)."""
+    """The index of each row's state, as in `dynamics.state_index`, shape (n,)."""
     over: NDArray[np.bool_]
-    """Whether an episode ends in the state, on the goal or on ice, shape (n,)."""
+    """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
     ids: NDArray[np.int64]
-    """The id of each labyrinth; elsewhere it is `f"{id:016x}"`."""
+    """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -160,7 +160,7 @@ class Episodes:
         return [parse(text) for text in self.texts]
 
     def take(self, episodes: slice) -> Episodes:
-        """Return some consecutive episodes, with their labyrinths alone."""
+        """Return consecutive episodes, with only their own labyrinths."""
         firsts, lasts = self.whole.firsts[episodes], self.whole.lasts[episodes]
         rows = slice(int(firsts[0]), int(lasts[-1]) + 1)
         whole = WholeEpisodes(self.whole.rows.take(rows), firsts - rows.start, lasts - rows.start)
@@ -176,14 +176,14 @@ class Episodes:
         )
 
     def parts(self, rows: int) -> Generator[Episodes]:
-        """Yield consecutive episodes, about `rows` rows of them together."""
+        """Yield consecutive groups of episodes, with about `rows` rows each."""
         number = self.whole.lasts // rows
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
         for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
             yield self.take(slice(begin, end))
 
     def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
-        """Yield the episodes one by one, given the observation in each row; all arrays are new."""
+        """Yield the episodes one by one, given each row's observation; all arrays are copies."""
         rows, firsts, lasts = self.whole
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             yield LoadedEpisode(
@@ -202,19 +202,19 @@ class Episodes:
 
 
 def replayed(blocks: Iterable[Rows], config: DatasetConfig | None = None) -> Generator[Episodes]:
-    """Yield the episodes of rows in order, many together.
+    """Replay rows and yield their episodes in order, many at a time.
 
     Args:
         blocks: The rows.
-        config: The dataset, whose size and task all labyrinths have to have; None for any.
+        config: The dataset, whose size and task every labyrinth must have; None for any.
 
     Raises:
-        DatasetError: The rows do not make episodes, or a labyrinth has another size or task; raised
+        DatasetError: The rows do not form episodes, or a labyrinth has another size or task; raised
             after the episodes before that row.
     """
     for whole in grouped(blocks):
         rows = whole.rows
-        # A text of a labyrinth has at least eight characters for each cell.
+        # The text of a labyrinth has at least eight characters per cell.
         together = max(1, PARSED_CELLS * 8 // (len(rows.texts[0]) + 1))
         number = np.maximum.accumulate(rows.info[whole.firsts]) // together
         begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
@@ -224,7 +224,7 @@ def replayed(blocks: Iterable[Rows], config: DatasetConfig | None = None) -> Gen
 
 
 def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[Episodes]:
-    """Yield episodes, all together if their texts are as ours, else one by one."""
+    """Yield the episodes all together if `_together` can, else one by one."""
     used, which = np.unique(whole.rows.info[whole.firsts], return_inverse=True)
     texts = [whole.rows.texts[place] for place in used.tolist()]
     episodes = _together(whole, texts, which, config)
@@ -250,10 +250,10 @@ def _together(
     which: NDArray[np.int64],
     config: DatasetConfig | None,
 ) -> Episodes | None:
-    """Return episodes, given the texts of labyrinths and the number of each episode's.
+    """Replay episodes together, given labyrinth texts and the index of each episode's text.
 
     Returns:
-        None if a text is not canonical, an action is not one of the four, or one follows an end.
+        None if a text is not canonical, or an action is invalid or follows a terminal state.
 
     Raises:
         DatasetError: A labyrinth has another size or task than the dataset.

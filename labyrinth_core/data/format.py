@@ -1,4 +1,4 @@
-"""The columns of a dataset and of its table, for writer, reader and documents alike."""
+"""The columns of datasets and of the table of labyrinths, for writers, readers and documents."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ NO_ACTION = -1
 
 
 GROUP_BYTES = 64 << 20
-"""The bytes of pictures after which a row group ends, within an episode if need be.
+"""The bytes of pictures after which a row group ends, if necessary within an episode.
 
-Bytes are estimated from the last picture; a group of less than a quarter ends with an episode. A
-shard ends with a labyrinth. Streams rely on both.
+Bytes are estimated from the last picture. A group of less than a quarter of this ends with an
+episode, and a shard ends with a labyrinth; streams rely on both.
 
 The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
 group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
@@ -22,7 +22,7 @@ group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
 
 
 class Column(NamedTuple):
-    """One column of a file of ours."""
+    """One column of a dataset's file."""
 
     name: str
     feature: dict[str, Any]
@@ -53,7 +53,7 @@ COLUMNS = (
 """The columns of the rows."""
 
 TABLE_COLUMNS = (
-    # As text, since sixteen digits are more than the numbers of JSON and JavaScript can hold.
+    # Text, since numbers of JSON and JavaScript cannot hold sixteen hexadecimal digits.
     Column.of("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
     Column.of("structure_id", "string", "hash of its structure, likewise"),
     Column.of("split", "string", "split that it is in"),
@@ -74,4 +74,4 @@ TABLE_COLUMNS = (
     Column.of("rows", "int32", "rows in the split, which follow one another"),
     Column.of("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
-"""The columns of the table of labyrinths, one row for each labyrinth, see `manifest.TABLE`."""
+"""The columns of the table of labyrinths, one row per labyrinth; see `manifest.TABLE`."""

@@ -1,7 +1,7 @@
-"""How long a call of the Hub's client may wait: a minute without a byte.
+"""Time limit for calls of the Hub's client: a minute without a byte.
 
-Downloads have a limit of the client's own (HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), most
-other calls none. The client repeats calls that fail: a silent Hub is given up after minutes.
+The client limits downloads itself (HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most
+other calls. It retries calls that fail, so a silent Hub becomes an error after some minutes.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data.errors import DatasetError
 
 VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
-"""The environment variable with the seconds without a byte that end a call, and its default."""
+"""Environment variable for the seconds without a byte after which a call fails; its default."""
 
 UNAVAILABLE = (OSError, ValueError, HTTPError, RuntimeError)
-"""What the client raises for a file or a repository that it cannot provide; the last one: Xet's."""
+"""The client's errors for a file or repository that it cannot provide; RuntimeError is Xet's."""
 
 
 def limit_silence() -> None:
-    """Limit how long the calls of the Hub's client wait that have no limit.
+    """Set a time limit for calls of the Hub's client that have none.
 
     Raises:
-        DatasetError: The environment variable holds no number of seconds.
+        DatasetError: The environment variable is not a positive number of seconds.
     """
     _seconds()
     session = get_session()

@@ -1,12 +1,12 @@
-"""Loading of datasets from a folder or the Hub, as episodes or transitions (s, a, s').
+"""Load datasets from a folder or the Hub, as episodes or transitions (s, a, s').
 
     from labyrinth_core import load_transitions
 
     transitions = load_transitions("data/labyrinth", "5x5", split="train", image_size=64)
     s, a, s_next = transitions[0]
 
-No transition crosses the end of an episode. Files and the content of the Hub are parsed, never
-evaluated.
+No transition crosses the end of an episode. Files, local or from the Hub, are parsed, never
+executed.
 """
 
 from __future__ import annotations
@@ -57,8 +57,8 @@ class TransitionBatch(NamedTuple):
 class Transitions:
     """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
 
-    Each state is kept once, and consecutive transitions share it; so all arrays are read-only.
-    Arrays of the cache are sent to other processes as the names of their files.
+    Each state is stored once and shared by consecutive transitions, so all arrays are read-only.
+    Arrays from the cache are pickled as the names of their files.
     """
 
     frames: NDArray[Any]
@@ -72,9 +72,9 @@ class Transitions:
     terminated: NDArray[np.bool_]
     """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
     labyrinth_ids: NDArray[np.int64]
-    """The id of each transition's labyrinth, shape (N,); elsewhere it is `f"{id:016x}"`."""
+    """The id of each transition's labyrinth, shape (N,); files hold it as `f"{id:016x}"`."""
     optimal: NDArray[np.bool_] | None = None
-    """Which of the four actions begin a shortest route, shape (N, 4), if it was asked for."""
+    """Which of the four actions begin a shortest route, shape (N, 4); None unless requested."""
 
     def __post_init__(self) -> None:
         for each in fields(self):
@@ -87,7 +87,7 @@ class Transitions:
         return len(self.rows)
 
     def __repr__(self) -> str:
-        """Return the number of transitions and of labyrinths, and what an observation is."""
+        """Return the number of transitions and labyrinths, and an observation's shape and dtype."""
         labyrinths = len(np.unique(self.labyrinth_ids))
         shape, kind = self.frames.shape[1:], self.frames.dtype
         return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
@@ -100,7 +100,7 @@ class Transitions:
     @property
     def dones(self) -> NDArray[np.bool_]:
         """Whether the transition ends its episode, terminated or truncated, shape (N,)."""
-        # The last state of an episode, in which no action is taken, lies before the next one.
+        # After an episode's last transition, `frames` has its last state, which has no action.
         dones: NDArray[np.bool_] = np.diff(self.rows, append=len(self.frames)) != 1
         return dones
 
@@ -141,9 +141,9 @@ class Transitions:
         return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
 
     def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
-        """Return several transitions in new memory; a `DataLoader` calls this for a batch.
+        """Return copies of several transitions; a `DataLoader` calls this for a batch.
 
-        Read-only arrays make tensors that are not to be written to.
+        Read-only views would make tensors that must not be written to.
         """
         batch = self[np.asarray(indices, np.int64)]
         steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
@@ -154,7 +154,7 @@ class Transitions:
         return (self[index] for index in range(len(self)))
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Return how to pickle the transitions: whole arrays of a cache by their files."""
+        """Return how to pickle the transitions; whole arrays of a cache become file names."""
         return _received, tuple(_sent(getattr(self, field.name)) for field in fields(self))
 
 
@@ -195,26 +195,25 @@ def load_transitions(  # noqa: D417
 ) -> Transitions:
     """Return all transitions of a split.
 
-    Pictures are made once and kept in a cache, which is memory-mapped from then on. Its name
-    follows from the hashes of the shards in the manifest, so that a dataset built anew is read
-    anew. The shards are compared with the manifest when the cache is made, and are not read when it
-    exists.
+    Pictures are made once and kept in a cache, which is then memory-mapped. Its name depends on
+    the hashes of the shards in the manifest, so a dataset that is built anew gets a new cache. The
+    shards are checked against the manifest when the cache is made, and are not read afterwards.
 
     Args:
         source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and
             for all arguments that are not explained here.
         config: Name of the dataset's config, such as `5x5`.
-        cache_dir: Folder of caches. True stands for `labyrinth-datasets` in `$XDG_CACHE_HOME` or
+        cache_dir: Folder of caches. True means `labyrinth-datasets` in `$XDG_CACHE_HOME` or
             `~/.cache`. False or None holds everything in memory; so does, with a warning, a folder
-            that cannot be written, or a full disk. A folder has 20 GB of caches at most, or as many
-            as the environment variable LABYRINTH_CACHE_GB says; those used least recently make
-            room.
-        optimal: Whether to find out, too, which actions were optimal, by solving each labyrinth.
+            that cannot be written, or a full disk. All caches in a folder take at most 20 GB, or
+            the number of GB in the environment variable LABYRINTH_CACHE_GB; the least recently
+            used are removed.
+        optimal: Whether to compute the optimal actions as well, by solving each labyrinth.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        DatasetError: As for `load_episodes`, or there is no episode in the split, or the cache
-            would exceed its limit.
+        DatasetError: As for `load_episodes`, or the split has no episode, or the cache would
+            exceed its limit.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     named = isinstance(cache_dir, str) and cache_dir.strip()
@@ -237,7 +236,7 @@ def load_transitions(  # noqa: D417
 def _cached(
     cache_dir: str | Path | Literal[True], split: str, part: Part, spec: ObservationSpec
 ) -> Transitions | None:
-    """Return the transitions in a cache, None if they are to be held in memory."""
+    """Return the transitions from a cache; None, with a warning, if the cache cannot be used."""
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
@@ -253,7 +252,7 @@ def _cached(
 
 def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
     shape = len(part), spec.image_size, spec.image_size, 3
-    # Joining pictures that were made one part after the other would take twice as long.
+    # Making pictures part by part and concatenating them would take twice as long.
     pictures = np.empty(shape, np.uint8) if spec.observation == "image" else None
     frames, columns = zip(*_observed(part, spec, pictures), strict=True)
     return Transitions(
@@ -264,7 +263,7 @@ def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
 def _observed(
     part: Part, spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
 ) -> Iterator[tuple[NDArray[Any], Columns]]:
-    """Yield observations of all states, in `pictures` if given, and their transitions' columns.
+    """Yield observations of all states (in `pictures`, if given) and the transitions' columns.
 
     Raises:
         DatasetError: There is no episode, or a picture cannot be decoded.
@@ -284,13 +283,13 @@ def _observed(
         yield spec.observe(episodes, own), columns
         first = end
     if not first:
-        raise DatasetError("there is no episode in the split")
+        raise DatasetError("the split has no episodes")
 
 
 def _parts(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None
 ) -> Iterator[Episodes]:
-    """Yield the episodes of rows, as many together as are observed at once."""
+    """Yield the episodes of rows, in batches that are observed together."""
     for block in replayed(rows, config):
         yield from block.parts(spec.together)
 
@@ -320,17 +319,17 @@ def load_episodes(
         image_size: Pixels on each side of the pictures.
         revision: Branch, tag or commit on the Hub; not for folders.
         draw: Whether pictures are drawn from `info` and `actions` instead of decoded from `obs`;
-            they are equal, as `validate` checks.
+            both are equal, as `validate` checks.
         resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
             loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
-        labyrinths: How many labyrinths, the first ones of the split, or of those that `where`
-            leaves; None for all.
+        labyrinths: Number of labyrinths: the first of the split, or of those that match `where`;
+            None for all.
         where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
             (see `labyrinth_core.data.format.TABLE_COLUMNS`).
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        DatasetError: There is no such dataset or split, or its rows do not make episodes.
+        DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
     spec = ObservationSpec(observation, image_size, draw, resize)
     wanted = Wanted(source, config, split, revision, labyrinths, where)
@@ -341,6 +340,6 @@ def load_episodes(
 def episodes_of(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
 ) -> Generator[LoadedEpisode]:
-    """Yield the episodes that rows make; see `replayed`."""
+    """Yield the episodes of rows; see `replayed`."""
     for episodes in _parts(rows, spec, config):
         yield from episodes.loaded(spec.observe(episodes))

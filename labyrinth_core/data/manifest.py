@@ -22,7 +22,7 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_j
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
-"""The name of the file of the stage `analyse`, in the same folder."""
+"""The file of the stage `analyse`, in the same folder."""
 TABLE = "labyrinths.parquet"
 """The name of the table of labyrinths, in the same folder; it has one row for each labyrinth.
 
@@ -30,9 +30,9 @@ The rows are in the order of the splits and of their rows; `format.TABLE_COLUMNS
 On the Hub the table is a config of its own, such as `5x5-labyrinths`.
 """
 MOST = 10**15
-"""No count of a dataset is larger."""
+"""The largest count that a manifest may hold."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
-"""The format of a manifest, and that of one whose structures come from several chunks of
+"""The format of a manifest, and its format if structures come from several chunks of
 candidates."""
 
 
@@ -63,7 +63,7 @@ class Shard:
         if shard.split not in SPLITS or not re.fullmatch(
             rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
         ):
-            raise ValueError(f"no split {shard.split!r} has a shard {shard.path!r}")
+            raise ValueError(f"split {shard.split!r} cannot have a shard {shard.path!r}")
         return shard
 
 
@@ -83,16 +83,16 @@ class TableFile:
 
 @cache
 def _fields_of(kind: type) -> Mapping[str, Any]:
-    """Return the types of the fields of a record, which take 0.3 ms to find out."""
+    """Return the types of a dataclass's fields; cached, since finding them takes 0.3 ms."""
     return get_type_hints(kind)
 
 
 def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, Any]:
-    """Return the fields of texts and counts of a kind; raise ValueError for anything else."""
+    """Return `values`; raise ValueError unless they are the fields of `kind`, with valid counts."""
     check_fields(values, _fields_of(kind), name)
     for field, value in values.items():
         if isinstance(value, int) and not 0 <= value <= MOST:
-            raise ValueError(f"{name} has {field}={value}: it is a number from 0 to {MOST}")
+            raise ValueError(f"{name} has {field}={value}, not a number from 0 to {MOST}")
     return values
 
 
@@ -106,15 +106,15 @@ class Manifest:
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
-    """The table of labyrinths; that of questions has none."""
+    """The table of labyrinths; None in a manifest of questions."""
     format: int = FORMAT
     questions: Manifest | None = None
-    """That of the questions beside the dataset, which is a file of its own, if there are any. Their
-    shards have the names and fingerprints of those that they were made from."""
+    """The manifest of the questions beside the dataset, a file of its own; None without questions.
+    Their shards have the names and fingerprints of the shards they were made from."""
 
     @property
     def table(self) -> TableFile:
-        """The table of labyrinths of a dataset that is not one of questions."""
+        """The table of labyrinths; a manifest of questions has no table."""
         assert self.labyrinths is not None
         return self.labyrinths
 
@@ -128,7 +128,7 @@ class Manifest:
         """Return the shards of a split.
 
         Raises:
-            DatasetError: There is no such split.
+            DatasetError: The dataset has no such split.
         """
         shards = [shard for shard in self.shards if shard.split == split]
         if not shards:
@@ -179,7 +179,7 @@ class Manifest:
 
 @contextmanager
 def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
-    """Lend the table of a dataset as a local file, after comparing it with the manifest.
+    """Yield a local path of the table of labyrinths, after checking its hash.
 
     Raises:
         DatasetError: The table is missing or damaged, or the caller cannot read it.

@@ -1,4 +1,4 @@
-"""Observations of states: pictures, decoded or drawn, vectors, or texts."""
+"""Observations of states: pictures (decoded or drawn), vectors or texts."""
 
 from __future__ import annotations
 
@@ -27,24 +27,24 @@ RESIZES = {
     "area": (None, "area"),
     "original": (2, "bilinear"),
 }
-"""Way of resizing -> the thickness of walls if it is not the look's, and one of `resize.RESIZES`.
+"""`resize` option -> wall thickness in pixels (None: the look's) and one of `resize.RESIZES`.
 
 `original` is for comparison: walls are two pixels thick and are not antialiased, as in the authors'
-pictures, so that most walls vanish at 64 x 64. It is always drawn, since the walls of the pictures
-in `obs` are thicker and would remain.
+pictures, so that most walls vanish at 64 x 64. These pictures are always drawn, since the walls in
+`obs` are thicker and would not vanish.
 """
 
 PICTURES_VERSION = 1
-"""Version of the decoding, drawing and resizing of pictures, which the frame cache depends on.
+"""Version of how pictures are decoded, drawn and resized, part of the frame cache's key.
 
-Any change of a pixel increases it.
+Increase it with any change of a pixel.
 """
 
 HELD_BYTES = 2**30
-"""The most bytes of pictures of all states of a split that are drawn at once, and held."""
+"""Above this many bytes, pictures of all states of a split are not held, but drawn when indexed."""
 
 CACHED_BYTES = 64 * 2**20
-"""The size of the cache of decoded pictures."""
+"""The bytes that the cache of decoded pictures may take."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class ObservationSpec:
 
     @property
     def together(self) -> int:
-        """How many rows are observed together: pictures of 8 MB, as large as a cache."""
+        """Rows observed in one batch: their pictures take 8 MB, about a processor's cache."""
         return max(1, DRAWN_BYTES // (3 * self.image_size**2))
 
     def observe(
@@ -86,7 +86,7 @@ class ObservationSpec:
 
         Args:
             episodes: The episodes, n rows of them.
-            pictures: Where pictures go, shape (n, image_size, image_size, 3); None for a new array.
+            pictures: Output array, shape (n, image_size, image_size, 3); None for a new one.
 
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
@@ -120,7 +120,7 @@ class ObservationSpec:
         return pictures
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
-        """Return the observations of states of several labyrinths; pictures are drawn together."""
+        """Return the observations of (labyrinth, state) pairs; pictures are drawn in batches."""
         if self.observation == "text":
             return np.array([describe(labyrinth, state) for labyrinth, state in views])
         if self.observation == "vector":
@@ -131,13 +131,13 @@ class ObservationSpec:
     def look_later(
         self, views: Sequence[tuple[Labyrinth, State]], held_bytes: int = HELD_BYTES
     ) -> NDArray[Any] | Looks:
-        """Return the observations, or, if they are large, what makes them when they are indexed."""
+        """Return the observations, or lazy `Looks` if the pictures exceed `held_bytes`."""
         large = self.observation == "image" and len(views) * 3 * self.image_size**2 > held_bytes
         return Looks(self, views) if large else self.look(views)
 
 
 class Looks:
-    """Observations of states which are made anew whenever they are indexed."""
+    """Observations of states, made anew each time they are indexed."""
 
     def __init__(self, spec: ObservationSpec, views: Sequence[tuple[Labyrinth, State]]) -> None:
         self._spec, self._views = spec, views
@@ -153,9 +153,9 @@ class Looks:
 
 @lru_cache(maxsize=1)
 def _remembering_decoder(image_size: int) -> Callable[[bytes | None], NDArray[np.uint8]]:
-    """Return a cached `_decode`, as a random policy comes back to its states.
+    """Return a cached `_decode`, since a random policy revisits states.
 
-    A picture that comes again costs 0.2 us instead of 50.
+    A repeated picture costs 0.2 us instead of 50.
     """
     pictures = max(1, CACHED_BYTES // (3 * image_size**2))
     return lru_cache(maxsize=pictures)(partial(_decode, image_size=image_size))
@@ -168,7 +168,7 @@ def _decode(png: bytes | None, image_size: int) -> NDArray[np.uint8]:
     strips = strips_of(png, PICTURE_SIZE)
     if strips is not None:
         return shrink(strips, image_size)
-    from PIL import Image  # For the picture of another encoder.
+    from PIL import Image  # For pictures of other encoders.
 
     try:
         with Image.open(io.BytesIO(png), formats=["PNG"]) as image:

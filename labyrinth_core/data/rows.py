@@ -1,4 +1,4 @@
-"""Shards, opened and checked, and their rows as arrays."""
+"""Open and check shards, and read their rows as arrays."""
 
 from __future__ import annotations
 
@@ -22,16 +22,16 @@ if TYPE_CHECKING:
     import pyarrow.parquet
 
 BATCH_ROWS = 4096
-"""The rows that are read at once; a hostile file may repeat a large picture in many rows."""
+"""The rows read at once; a hostile file may repeat a large picture in many rows."""
 
 MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
-"""The rows and the bytes that no row group exceeds; no picture has fewer than 512 bytes."""
+"""The most rows and bytes of a row group; every picture has at least 512 bytes."""
 
 TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
-"""Column -> the type of its values, without the pictures."""
+"""Column -> type of its values; pictures are left out."""
 
 TOGETHER = 64
-"""Row groups that are read together without pictures: many texts are parsed in less time."""
+"""Row groups read together when pictures are not: parsing many texts at once is faster."""
 
 
 class Rows(NamedTuple):
@@ -41,9 +41,9 @@ class Rows(NamedTuple):
     rewards: NDArray[np.float32]
     episode_starts: NDArray[np.bool_]
     info: NDArray[np.int64]
-    """The number in `texts` of each row's text, shape (n,)."""
+    """The index in `texts` of each row's text, shape (n,)."""
     texts: list[str]
-    """The texts of `info`, which all differ, in the order of their first rows; perhaps others."""
+    """Distinct texts, in the order of their first rows; some may be unused."""
     pngs: NDArray[np.object_] | None
     """The picture of each row, bytes or None, shape (n,); None if no pictures were read."""
 
@@ -77,7 +77,7 @@ def joined(blocks: Sequence[Rows]) -> Rows:
 
 
 def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
-    """Open a Parquet file; a column `info` is read dictionary-encoded: many rows share a text.
+    """Open a Parquet file; `info` is read dictionary-encoded, as many rows share a text.
 
     Raises:
         OSError, ArrowException: The file cannot be read.
@@ -91,27 +91,27 @@ def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
 
 
 def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
-    """Return what in the footer of a file shows that it is not ours, before any row is read.
+    """Return why a footer cannot be that of a shard, before any row is read; None if it can.
 
-    A few bytes of a file may stand for any number of rows, and a row group is read as a whole.
+    A few bytes may decompress to any number of rows, and a row group is read as a whole.
 
     Args:
         file: The file.
-        rows: The number of rows that the manifest says it has.
+        rows: The number of rows in the manifest.
     """
     footer = file.metadata
     if footer.num_rows != rows:
         return f"rows {footer.num_rows}, but the manifest says {rows}"
     for group in map(footer.row_group, range(footer.num_row_groups)):
         if group.num_rows > MOST_ROWS:
-            return f"a row group of {group.num_rows} rows, but none has more than {MOST_ROWS}"
+            return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
         if group.total_byte_size > MOST_BYTES:
-            return f"a row group of {group.total_byte_size} bytes, more than {MOST_BYTES}"
+            return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
     return None
 
 
 def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
-    """Return the number of rows of a shard up to the end of each row group."""
+    """Return the row of a shard at which each row group ends, exclusive."""
     groups = map(file.metadata.row_group, range(file.num_row_groups))
     return np.cumsum([group.num_rows for group in groups])
 
@@ -119,7 +119,7 @@ def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
 def rows_together(
     file: pyarrow.parquet.ParquetFile, groups: Sequence[int], *, pictures: bool
 ) -> Iterator[Rows]:
-    """Yield the rows of row groups, without pictures those of `TOGETHER` row groups at once."""
+    """Yield the rows of row groups; without pictures, `TOGETHER` groups are read at once."""
     import pyarrow as pa
 
     together = 1 if pictures else TOGETHER
@@ -128,7 +128,7 @@ def rows_together(
         file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
         for first in range(0, len(groups), together)
     )
-    # `map` lets go of each batch, of which there would otherwise be two.
+    # `map` frees each batch before the next is read, which a loop variable would not.
     tables = map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
     blocks = map(partial(rows_of_table, pictures=pictures), tables)
     while some := list(islice(blocks, together)):
@@ -137,7 +137,7 @@ def rows_together(
 
 @contextmanager
 def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Open a shard after checking it; an error within means that it cannot be read."""
+    """Check and open a shard; a read error inside the block becomes a DatasetError."""
     path = folder / shard.path
     with readable(path), local_copy(path) as local:
         check_file(local, shard, path)
@@ -148,9 +148,9 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
 
 @contextmanager
 def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Open a shard of which only the ranges that are read are downloaded; check its footer alone.
+    """Open a remote shard: check its footer, and download only the byte ranges that are read.
 
-    An error within means that it cannot be read.
+    A read error inside the block becomes a DatasetError.
     """
     import pyarrow.parquet as pq
 
@@ -161,14 +161,14 @@ def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.
 
 
 def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath) -> None:
-    """Raise DatasetError if the footer of a file is not that of the shard."""
+    """Raise DatasetError if the footer of a file does not fit the shard."""
     problem = footer_problem(file, shard.rows)
     if problem is not None:
         raise DatasetError(f"{path} is damaged: {problem}")
 
 
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
-    """Raise DatasetError if a file, a shard or a copy of it, has another SHA-256 than the shard."""
+    """Raise DatasetError if `file`, the shard at `path` or a copy of it, has the wrong SHA-256."""
     if file_sha256(file) != shard.sha256:
         raise DatasetError(
             f"{path} is damaged: its sha256 is not the manifest's; "
@@ -178,14 +178,14 @@ def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
 
 @contextmanager
 def readable(place: object) -> Iterator[None]:
-    """Raise DatasetError for an error within that says that files at a place cannot be read."""
+    """Turn a read error inside the block into a DatasetError that names `place`."""
     import pyarrow as pa
 
     try:
         yield
     except (MemoryError, GeneratorExit):
-        # Nothing is wrong with the files. Arrow's own MemoryError is one, too; and where Python
-        # itself ends, it closes a stream that was left early when Arrow's names are gone.
+        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
+        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
         raise
     except Exception as error:
         from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
@@ -196,7 +196,7 @@ def readable(place: object) -> Iterator[None]:
 
 
 def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
-    """Return the rows of a table; raise DatasetError for a value that is missing or of other type.
+    """Return the rows of a table; raise DatasetError for a missing value or a wrong type.
 
     A table without the column `obs` has no pictures.
     """

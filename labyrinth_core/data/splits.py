@@ -1,8 +1,8 @@
 """The splits of a dataset: the six that every dataset has, and the shifts that it may add.
 
-A shift changes one thing and holds the rest. Most are made labyrinth by labyrinth from another
-split, their parent. Those without a parent have structures of their own, on which nothing is
-trained; `pipeline.generation.shifts` says how these are selected.
+A shift changes one property and keeps the rest. Most are derived, labyrinth by labyrinth, from a
+parent split. Shifts without a parent have structures of their own, which are never trained on;
+`pipeline.generation.shifts` says how these are selected.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ class Refusal(NamedTuple):
     option: str
     """A field or property of `DatasetConfig`."""
     refuses: Callable[[Any], bool]
-    """Returns whether the shift makes no sense with a value of the option."""
+    """Returns whether the shift makes no sense with the given value."""
     reason: str
 
 
 @dataclass(frozen=True)
 class Split:
-    """What a split holds. `new_start` to `look` say in what its labyrinths differ from a parent."""
+    """A kind of split. `new_start` to `look` say how its labyrinths differ from their parents."""
 
     number: int
-    """Its part of the key of all randomness: another number would change published bytes."""
+    """The split's part of every random key: another number would change published bytes."""
     meaning: str
     bucket: str
-    """The split that the hash of its structures names: train, validation or test."""
+    """The split that its structures' hashes select: train, validation or test."""
     parent: str | None = None
-    """The split whose labyrinths its own are made from, at most one of each, in their order."""
+    """The split it is derived from: at most one labyrinth for each parent, in the same order."""
     new_start: bool = False
     new_goal: bool = False
     new_structure: bool = False
@@ -44,7 +44,7 @@ class Split:
 
     @property
     def is_redrawn(self) -> bool:
-        """Whether it has the labyrinths and routes of its parent, and only looks different."""
+        """Whether the split has its parent's labyrinths and routes, and only looks different."""
         return self.look is not Look.PLAIN
 
 
@@ -64,7 +64,7 @@ _FAR_APART = Refusal(
 _NOISE = Refusal(
     "noise",
     lambda noise: noise > 0,
-    "with demonstrations.noise the demonstrated route is no shortest one",
+    "with demonstrations.noise the demonstrated route may not be shortest",
 )
 _ICE = Refusal(
     "task", lambda task: task is Task.ICY_FLOOR, "ice only matters where there are loops"
@@ -163,13 +163,13 @@ SPLITS = {
         20, "other structures, none with an optimal route that train demonstrates", "test"
     ),
 }
-"""Split -> what it holds."""
+"""Name -> split."""
 
 SHIFTS = tuple(name for name in SPLITS if name not in BASE_SPLITS)
 """The splits that a dataset may add, in the order in which a dataset has them."""
 
 
 def is_of_train(split: str) -> bool:
-    """Return whether a split holds the labyrinths of train, or one made from each, in order."""
+    """Return whether a split has the labyrinths of train, or one derived from each, in order."""
     kind = SPLITS[split]
     return split == "train" or (kind.parent == "train" and not kind.new_structure)

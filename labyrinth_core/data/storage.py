@@ -1,9 +1,9 @@
 """Files in a local folder or in an object store, behind one interface.
 
 A local folder is a `pathlib.Path`. A URL that fsspec knows, such as `s3://bucket/data`, is a
-`RemotePath`, which has those methods of `Path` that are needed here. A file appears whole: a local
-one by a rename, a remote one by a single upload. Links are followed to the file that is replaced;
-what is there and is not a regular file, such as a device or a folder, is never replaced.
+`RemotePath`, which has the methods of `Path` that this project needs. Writes are atomic: a local
+file is renamed into place, a remote file is a single upload. Symbolic links are followed, and only
+regular files are replaced, never a device or a folder.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ def folder_at(place: str | Path) -> AnyPath:
     """Return the folder at a path or a URL.
 
     Raises:
-        ValueError: The URL names nothing, or fsspec knows no such URL, or needs a library for it
-            that is not installed; or the path begins with a home folder that is unknown.
+        ValueError: The URL names no bucket or folder, fsspec does not know its protocol or lacks a
+            library for it, or the path begins with `~` and the home folder is unknown.
     """
     text = str(place)
     if text.startswith("file://"):
@@ -48,13 +48,13 @@ def folder_at(place: str | Path) -> AnyPath:
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[s3]'" if protocol == "s3" else one_line(error)
         raise ValueError(f"{text} needs a library that is missing: {install}") from error
-    except Exception as error:  # Of any kind: each file system has its own way to start.
+    except Exception as error:  # Each file system may fail to start in its own way.
         raise ValueError(f"{text}: {one_line(error)}") from error
     return RemotePath(text.rstrip("/"))
 
 
 def _filesystem(protocol: str) -> Any:
-    """Return the file system of a protocol, which fsspec keeps; its library finds credentials."""
+    """Return fsspec's shared file system of a protocol, whose library finds the credentials."""
     import fsspec
 
     if protocol == "hf":
@@ -67,9 +67,9 @@ def _filesystem(protocol: str) -> Any:
 
 @dataclass(frozen=True)
 class RemotePath:
-    """A file or folder of an object store; its methods are those of `Path`.
+    """A file or folder in an object store, with methods of `Path`.
 
-    Every method raises OSError where the store fails, FileNotFoundError where nothing is there.
+    Every method raises OSError if the store fails, FileNotFoundError if nothing is there.
     """
 
     url: str
@@ -89,13 +89,13 @@ class RemotePath:
         return RemotePath(self.url.rpartition("/")[0])
 
     def _ask(self, question: Callable[[Any, str], Any]) -> Any:
-        """Return what a function returns for the file system and the path in it."""
+        """Call `question` with the file system and the path in it, and return its result."""
         try:
             store = _filesystem(self.url.partition("://")[0])
             return question(store, store._strip_protocol(self.url))
         except FileNotFoundError:
             raise
-        except Exception as error:  # Of any kind: each store has its own, such as botocore's.
+        except Exception as error:  # Each store has errors of its own, such as botocore's.
             if isinstance(error, OSError) and error.filename:
                 raise
             number = getattr(error, "errno", None) or errno.EIO
@@ -112,7 +112,7 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.isfile(path)))
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
-        """Yield what matches a pattern; names of folders that look like patterns are none."""
+        """Yield the paths that match `pattern`; this folder's own path is taken literally."""
         first, _, rest = pattern.partition("/")
         for name, is_dir in self._listed():
             if fnmatchcase(name, first) and not rest:
@@ -121,7 +121,7 @@ class RemotePath:
                 yield from (self / name).glob(rest)
 
     def _listed(self) -> list[tuple[str, bool]]:
-        """Return the names in a folder, sorted, each with whether it is a folder."""
+        """Return the sorted names in this folder, each with whether it is a folder."""
         try:
             base, found = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
         except FileNotFoundError:
@@ -141,7 +141,7 @@ class RemotePath:
         return cast("BinaryIO", self._ask(lambda store, path: store.open(path, mode)))
 
     def open_ranges(self) -> BinaryIO:
-        """Open for reading in ranges, of which each is downloaded as it is and none ahead."""
+        """Open for reading by byte ranges, each downloaded as requested and none ahead."""
         opened = self._ask(lambda store, path: store.open(path, "rb", cache_type="none"))
         return cast("BinaryIO", opened)
 
@@ -152,7 +152,7 @@ class RemotePath:
         return self.read_bytes().decode(encoding)
 
     def upload(self, local: Path) -> None:
-        """Make this the content of a local file."""
+        """Upload a local file to this path."""
         self._ask(lambda store, path: store.put_file(str(local), path))
 
     def unlink(self, *, missing_ok: bool = False) -> None:
@@ -164,10 +164,10 @@ AnyPath = Path | RemotePath
 
 
 def file_at(path: Path) -> Path:
-    """Return the place of a file that is to be written, to which links at the path lead.
+    """Return the path to write to: `path`, or the target if it is a symbolic link.
 
     Raises:
-        FileExistsError: Something is there that is not a regular file.
+        FileExistsError: The path exists and is not a regular file.
     """
     if path.exists() and not path.is_file():
         reason = "is not a regular file, so it is not replaced"
@@ -176,15 +176,15 @@ def file_at(path: Path) -> Path:
 
 
 def temporary_beside(path: Path, suffix: str = ".tmp") -> Path:
-    """Return a new name beside a path, for what is not in its place yet or no longer.
+    """Return a new temporary name in the same folder.
 
-    The end of the name is a hash of the rest, by which `temporaries` knows it.
+    The name ends in a hash of the rest, by which `temporaries` recognises it.
     """
     return path.with_name(_sealed(f".{path.name}.{uuid4().hex[:12]}", suffix))
 
 
 def temporaries(path: Path, suffix: str = ".tmp") -> list[Path]:
-    """Return what is there under names of `temporary_beside`, left by killed processes."""
+    """Return the existing paths named by `temporary_beside`, left by killed processes."""
     found = []
     for each in path.parent.iterdir() if path.parent.is_dir() else ():
         name = each.name.removesuffix(suffix).rpartition(".")[0]
@@ -199,7 +199,7 @@ def _sealed(name: str, suffix: str) -> str:
 
 @contextmanager
 def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Name a path in errors of the block that name none, as of a full disk, or a temporary file."""
+    """Put `path` into an OSError that names no file, as for a full disk, or the temporary one."""
     try:
         yield
     except OSError as error:
@@ -210,7 +210,7 @@ def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """Lend the name of a new file, which then takes the place of a local one.
+    """Yield a temporary path, which replaces the local file `path` when the block ends.
 
     Raises:
         OSError: The file cannot be written, or something that is not a regular file is there.
@@ -245,11 +245,11 @@ def write_text(path: AnyPath, text: str) -> None:
 
 
 def read_json(path: AnyPath) -> Any:
-    """Return what a JSON file holds.
+    """Return the content of a JSON file.
 
     Raises:
-        OSError, ValueError, RecursionError: It cannot be read, or holds a NaN, an infinity, or an
-            object that has a name twice.
+        OSError, ValueError, RecursionError: The file cannot be read, or holds a NaN, an infinity,
+            or an object with a duplicate key.
     """
     return json.loads(path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous)
 
@@ -258,12 +258,12 @@ def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     found = dict(pairs)
     if len(found) < len(pairs):
         twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
-        raise ValueError(f"{twice!r:.60} is there twice in one object")
+        raise ValueError(f"{twice!r:.60} appears twice in one object")
     return found
 
 
 def _no_number(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number of JSON")
+    raise ValueError(f"{word} is not a JSON number")
 
 
 def file_sha256(path: AnyPath) -> str:
@@ -276,7 +276,7 @@ def file_sha256(path: AnyPath) -> str:
 
 
 def size_and_time(path: AnyPath) -> tuple[int, float]:
-    """Return the bytes of a file, and when it was written, in seconds; both without reading it."""
+    """Return a file's size in bytes and modification time in seconds, without reading it."""
     if isinstance(path, Path):
         status = path.stat()
         return status.st_size, status.st_mtime
@@ -286,9 +286,9 @@ def size_and_time(path: AnyPath) -> tuple[int, float]:
 
 @contextmanager
 def local_copy(path: AnyPath) -> Iterator[Path]:
-    """Lend a local file with the content of a path: itself, or a temporary download.
+    """Yield an absolute local path with the content of `path`: itself, or a temporary download.
 
-    Its path is absolute, as Arrow takes a relative one with a colon for a URL.
+    Arrow would take a relative path with a colon for a URL.
     """
     if isinstance(path, Path):
         yield path.absolute()
@@ -303,16 +303,16 @@ def local_copy(path: AnyPath) -> Iterator[Path]:
 def locked(
     path: Path, before_waiting: Callable[[], None] = lambda: None, *, wait: bool = True
 ) -> Iterator[None]:
-    """Hold the lock of a file, which is made if need be and removed at the end.
+    """Hold a lock file, which is created if necessary and removed at the end.
 
     Args:
-        path: The file; only this function may make, remove or rename it.
-        before_waiting: Called if another process has the lock.
-        wait: Whether to wait for another process.
+        path: The lock file; only this function may create, remove or rename it.
+        before_waiting: Called before waiting for another process that holds the lock.
+        wait: Whether to wait at all.
 
     Raises:
-        TimeoutError: Another process has the lock, and `wait` is false.
-        OSError: The file cannot be made, or its file system has no locks.
+        TimeoutError: Another process holds the lock, and `wait` is false.
+        OSError: The file cannot be created, or its file system does not support locks.
     """
     from filelock import FileLock, Timeout
 

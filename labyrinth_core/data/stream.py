@@ -1,12 +1,12 @@
-"""Streams of episodes and transitions: shuffled, divided among processes, and resumed anywhere.
+"""Streams of episodes and transitions: shuffled, divided among processes and resumable.
 
     from labyrinth_core import stream_transitions
 
     for s, a, s_next in stream_transitions("data/labyrinth", "5x5", shuffle=True):
         ...
 
-`datasets` divides a stream by row group, too, but reads the footer of the file anew for each (ten
-times the bytes at 5x5), loses its shuffle buffer when it resumes, and cuts long episodes in two.
+The library `datasets` also divides a stream by row group, but it reads the file's footer again for
+each (ten times the bytes at 5x5), loses its shuffle buffer on resuming, and splits long episodes.
 """
 
 from __future__ import annotations
@@ -35,27 +35,27 @@ if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
 
 BUFFER = 4096
-"""The rows that `shuffle=True` holds; at 64 x 64 their pictures have 50 MB."""
+"""The rows that `shuffle=True` holds; at 64 x 64 their pictures take 50 MB."""
 
 TOGETHER_BYTES = 8 << 20
-"""The bytes of unpacked row groups with pictures that are read in one go."""
+"""The uncompressed bytes of row groups with pictures that are read at once."""
 
 Item = TypeVar("Item", covariant=True)
 
 
 @dataclass(frozen=True)
 class Order:
-    """The order of a stream, and the share of this process in it; see `stream_episodes`."""
+    """The order of a stream, and this process's share of it; see `stream_episodes`."""
 
     buffer: int
-    """The rows that are shuffled together, 0 for none."""
+    """The rows that are shuffled together; 0 for no shuffling."""
     seed: int
     rank: int
     ranks: int
 
     @classmethod
     def of(cls, shuffle: Any, seed: Any, rank: Any, world_size: Any) -> Order:
-        """Return the order that a caller asks for; ranks are torchrun's unless they are given.
+        """Return the order for a caller's arguments; ranks default to torchrun's.
 
         Raises:
             ValueError: An argument has a value that is not allowed.
@@ -69,7 +69,7 @@ class Order:
 
 
 def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
-    """Return the rank of this process and the number of ranks, perhaps of torchrun."""
+    """Return this process's rank and the number of ranks, given or from torchrun."""
     if rank is not None or ranks is not None:
         ranks = whole("world_size", ranks, 1)
         return whole("rank", rank, 0, ranks - 1), ranks
@@ -83,9 +83,9 @@ def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
 
 
 class Stream(Generic[Item]):
-    """Episodes or transitions of a split, which may be iterated once an epoch.
+    """Episodes or transitions of a split; each iteration is an epoch.
 
-    Pass it to a `DataLoader` as it is, after importing torch. `next` takes items without `iter`.
+    Pass it directly to a `DataLoader`, after importing torch. `next` works without `iter`.
     """
 
     def __init__(
@@ -107,20 +107,20 @@ class Stream(Generic[Item]):
             self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def __iter__(self) -> Iterator[Item]:
-        """Begin the epoch, or go on where `load_state_dict` says."""
+        """Begin the epoch, or resume where `load_state_dict` says."""
         at = self.state_dict() if self._loaded else self._start()
         self._check(at)
         self._at, self._loaded = at, False
         return self._items(at)
 
     def __next__(self) -> Item:
-        """Return the next item of an iteration that the first call begins."""
+        """Return the next item; the first call begins the iteration."""
         if self._running is None:
             self._running = iter(self)
         return next(self._running)
 
     def __len__(self) -> int:
-        """Raise TypeError, with what to do where a `DataLoader` asks for the length to iterate."""
+        """Raise TypeError, and say what to do if a `DataLoader` asked for the length."""
         raise TypeError(
             "a stream has no length; if a DataLoader asks for it in order to iterate, the stream "
             "was made before torch was imported: import torch first"
@@ -131,15 +131,15 @@ class Stream(Generic[Item]):
         return True
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return what another process is sent."""
+        """Return the attributes to pickle, without the running iteration."""
         return vars(self) | {"_running": None}
 
     def close(self) -> None:
-        """End the iteration of `next`."""
+        """End the iteration that `next` began."""
         self._running = iter(())
 
     def set_epoch(self, epoch: int) -> None:
-        """Choose the order of the next iteration; a shuffled stream has another in each epoch.
+        """Set the epoch, on which the order of a shuffled stream's next iteration depends.
 
         Raises:
             ValueError: The epoch is not a whole number from 0 on.
@@ -150,14 +150,14 @@ class Stream(Generic[Item]):
         self._epoch[...] = epoch
 
     def state_dict(self) -> dict[str, Any]:
-        """Return the place after the last item: a few numbers, which JSON holds, too."""
+        """Return the position after the last item, as a small dictionary that JSON can hold."""
         return dict(self._at or self._start())
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Go on after the item at which `state_dict` was called, in the next iteration.
+        """Resume the next iteration after the item at which `state_dict` was called.
 
         Raises:
-            ValueError: The state is not one of a stream with the same rows, order and share.
+            ValueError: The state is malformed, or of a stream with other rows, order or share.
         """
         at = dict(state)
         self._check(at)
@@ -171,7 +171,7 @@ class Stream(Generic[Item]):
         start = self._start()
         numbers = [at.get(name) for name in start if name != "stream"]
         if at.keys() != start.keys() or not all(type(n) is int and n >= 0 for n in numbers):
-            raise ValueError(f"load_state_dict: {at!r:.99} is not what state_dict gave")
+            raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
         if at["stream"] != start["stream"]:
             raise ValueError(
                 "load_state_dict: the state is of another stream: give the same rows, observation, "
@@ -179,13 +179,13 @@ class Stream(Generic[Item]):
             )
 
     def _name(self) -> str:
-        """Return a hash of all that the order and the share of this process depend on."""
+        """Return a hash of everything that determines the order and this process's share."""
         order = self._order.buffer, self._order.seed, *self._share()
         key = self._part.key(), self._spec.decodes, self._items_of.__name__, order
         return hashlib.sha256(repr(key).encode()).hexdigest()[:16]
 
     def _share(self) -> tuple[int, int]:
-        """Return the number of this process among all ranks and workers, and how many there are."""
+        """Return this process's index among the workers of all ranks, and their number."""
         torch_data = sys.modules.get("torch.utils.data")
         worker = None if torch_data is None else torch_data.get_worker_info()
         number, workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
@@ -195,13 +195,13 @@ class Stream(Generic[Item]):
         return np.random.default_rng([self._order.seed, at["epoch"], *more])
 
     def _permutation(self, count: int, at: Mapping[str, Any], *more: int) -> NDArray[np.int64]:
-        """Return the order of some things in an epoch, random if the stream is shuffled."""
+        """Return the order of `count` things in an epoch, random if the stream is shuffled."""
         if not self._order.buffer:
             return np.arange(count)
         return self._random(at, *more).permutation(count)
 
     def _items(self, at: dict[str, Any]) -> Iterator[Item]:
-        """Yield items from a place on, and keep the place up to date."""
+        """Yield items from the position `at` on, and update it in place."""
         part, (share, shares) = self._part, self._share()
         rows = part.counts()
         total = int(rows.sum())
@@ -213,7 +213,7 @@ class Stream(Generic[Item]):
             if first < own.stop and ends[place] > own.start:
                 with part.opened(number) as file:
                     for groups in self._parts(file, number, first, own, at)[at["part"] :]:
-                        # Without a name, so that they are free before others are read.
+                        # No variable holds these items, so they are freed before others are read.
                         for item in islice(self._read(file, number, groups, at), at["item"], None):
                             at["item"] += 1
                             yield item
@@ -223,18 +223,18 @@ class Stream(Generic[Item]):
     def _parts(
         self, file: ParquetFile, number: int, before: int, own: range, at: Mapping[str, Any]
     ) -> list[list[int]]:
-        """Return the row groups of a shard that are this process's, by those read together.
+        """Return this process's row groups of a shard, in lists that are read together.
 
         Args:
             file: The shard.
-            number: Its number.
-            before: How many rows there are before it in the order of the epoch.
-            own: The numbers in this order of the rows that are this process's.
-            at: The place, with the number of the epoch.
+            number: The index of the shard in the split.
+            before: The number of rows before the shard in the order of the epoch.
+            own: This process's rows, as a range in that order.
+            at: The position, which includes the epoch.
         """
         units, rows = self._part.units(file, number)
         order = self._permutation(len(units), at, number)
-        # A unit is whose the row in its middle is.
+        # A unit belongs to the process that owns its middle row.
         middle = before + np.cumsum(rows[order]) - (rows[order] + 1) // 2
         mine = (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
         cost, limit = rows.tolist(), self._order.buffer
@@ -295,28 +295,28 @@ def stream_episodes(  # noqa: D417
     rank: int | None = None,
     world_size: int | None = None,
 ) -> Stream[LoadedEpisode]:
-    """Return the episodes of a split as they are read, to be iterated once an epoch.
+    """Return a stream of the episodes of a split; each iteration is an epoch.
 
-    From the Hub only the row groups and columns that are needed are downloaded. Each row group
-    goes to one of the workers of a `DataLoader` and one of the ranks, so that all together get
-    every episode once an epoch; their shares differ by about a row group. `set_epoch` chooses
-    the order, `state_dict` and `load_state_dict` go on after the last item. A `DataLoader` takes a
-    stream for one only if torch was imported before the stream was made.
+    Only the required row groups and columns are downloaded from the Hub. Each row group goes to
+    one `DataLoader` worker of one rank, so that together they get every episode once per epoch;
+    their shares differ by about a row group. `set_epoch` chooses the order; `state_dict` and
+    `load_state_dict` resume after the last item. Import torch before you make the stream: a
+    `DataLoader` does not recognise a stream that was made earlier.
 
     Args:
         source: Folder with the dataset, or its id on the Hub; see `load_episodes` for this and
             for all arguments that are not explained here.
         config: Name of the dataset's config, such as `5x5`.
-        shuffle: Whether shards, the row groups in each, and the items of consecutive row groups
-            come in random order; a number says how many rows are held for the latter, True 4,096.
-        seed: The order follows from this number and the epoch.
-        rank: Number of this process, from 0; by default torchrun's `RANK`.
-        world_size: Number of processes; by default torchrun's `WORLD_SIZE`. Where another library
-            divides what it is given among ranks, give `rank=0, world_size=1`.
+        shuffle: Whether to shuffle shards, the row groups in each, and the items of consecutive
+            row groups; a number sets how many rows are held to shuffle items (True: 4,096).
+        seed: Seed of the order, which also depends on the epoch.
+        rank: Rank of this process, from 0; by default torchrun's `RANK`.
+        world_size: Number of processes; by default torchrun's `WORLD_SIZE`. If another library
+            divides the items among ranks, give `rank=0, world_size=1`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        DatasetError: As for `load_episodes`; raised for rows after the items before them.
+        DatasetError: As for `load_episodes`; damaged rows raise it after the items before them.
     """
     order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
@@ -341,7 +341,7 @@ def stream_transitions(
     rank: int | None = None,
     world_size: int | None = None,
 ) -> Stream[Transition]:
-    """Return the transitions of a split as they are read; see `stream_episodes`."""
+    """Return a stream of the transitions of a split; see `stream_episodes`."""
     order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
     wanted = Wanted(source, config, split, revision, labyrinths, where)

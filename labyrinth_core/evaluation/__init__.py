@@ -1,1 +1,1 @@
-"""Policies judged: labyrinths as arrays, episodes by look-up, scores, baselines, intervals."""
+"""Evaluate policies: labyrinths as arrays, episodes by look-up, scores, baselines, intervals."""

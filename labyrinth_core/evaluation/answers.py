@@ -1,8 +1,8 @@
-"""What a policy is shown, how it is asked, and what it answers: actions or scores.
+"""Show a policy observations, call it, and read its answers: actions or scores.
 
-Answers are of numpy, PyTorch or JAX. No library but numpy is imported: a module of PyTorch is one
-only if PyTorch has been imported already, and the arrays of the others say themselves how they
-become numpy's.
+Answers are arrays of NumPy, PyTorch or JAX. Only NumPy is imported: a policy can be a PyTorch
+module only if PyTorch has already been imported, and arrays of the other libraries convert
+themselves to NumPy's.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task, whole
 
 Policy = Callable[[Any], Any]
-"""From B observations to B actions, or to scores of the four actions, shape (B, 4).
+"""Maps B observations to B actions, or to scores of the four actions, shape (B, 4).
 
 Observations are uint8 (B, size, size, 3), int32 vectors (B, length), or a list of B texts.
 """
@@ -33,20 +33,20 @@ ACTIONS = len(Action)
 
 
 class PolicyError(ValueError):
-    """A policy that answers with anything but actions, or raises an error, which is the cause."""
+    """A policy answers with anything but actions, or raises an error, which is the cause."""
 
 
 def asked(call: Callable[..., Any], *arguments: Any) -> Any:
-    """Return what a part of a policy returns.
+    """Call a part of a policy and return its result.
 
     Raises:
-        PolicyError: It raises an error, or ends the program.
+        PolicyError: The call raises an error, or ends the program.
     """
     try:
         return call(*arguments)
     except PolicyError:
         raise
-    except (Exception, SystemExit) as error:  # Of any kind: the policy is a stranger's.
+    except (Exception, SystemExit) as error:  # Foreign code may raise anything.
         shown = "" if not arguments else f" when given {_described(arguments[0])}"
         reason = f"{type(error).__name__}: {one_line(error):.300}"
         raise PolicyError(f"the policy raised {reason}{shown}") from error
@@ -61,10 +61,10 @@ def fitted(
     observation: str | None = None,
     image_size: int | None = None,
 ) -> tuple[Any, ObservationSpec]:
-    """Return a policy as it acts in labyrinths of one size and task, and what it is shown there.
+    """Return a policy adapted to labyrinths of one size and task, and its observation there.
 
-    A policy may have attributes that say what it has to be shown: `observation`; `image_size`, a
-    number of pixels or a function of height and width; and `resize`, as `load_arrays` has it. One
+    A policy may declare by attributes what it has to be shown: `observation`; `image_size`, a
+    number of pixels or a function of height and width; and `resize`, as for `load_arrays`. A policy
     that depends on the labyrinths has `for_labyrinths(height, width, task)`, which returns the
     policy for them, or raises a PolicyError if they cannot be shown to it.
 
@@ -73,12 +73,12 @@ def fitted(
         height: Rows of cells.
         width: Columns of cells.
         task: The task of the labyrinths.
-        observation: What the caller asks for; None for what the policy says, or "image".
-        image_size: What the caller asks for; None for what the policy says, or 64.
+        observation: The caller's choice; None for the policy's own, or "image".
+        image_size: The caller's choice; None for the policy's own, or 64.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        PolicyError: The policy cannot be shown these labyrinths, or not in the way asked for.
+        PolicyError: The policy cannot be shown these labyrinths, or not with this observation.
     """
 
     def stated(name: str) -> Any:
@@ -88,17 +88,17 @@ def fitted(
     if adapt is not None:
         policy = asked(partial(adapt, height, width, task))
     kind, pixels, resize = stated("observation"), stated("image_size"), stated("resize")
-    if isinstance(kind, str):  # Other policies may keep something else under this name.
+    if isinstance(kind, str):  # Other policies may use this name for something else.
         if observation not in (None, kind):
-            raise PolicyError(f"the policy looks at observation={kind}, and is shown {observation}")
+            raise PolicyError(f"the policy needs observation={kind}, but is shown {observation}")
         observation = kind
     observation = "image" if observation is None else observation
     if observation == "image" and pixels is not None:
         needed = _needed_size(pixels, height, width)
         if image_size not in (None, needed):
             raise PolicyError(
-                f"the policy looks at pictures of image_size={needed} at {height}x{width}, and is "
-                f"shown image_size={image_size}"
+                f"the policy needs image_size={needed} at {height}x{width}, but is shown "
+                f"image_size={image_size}"
             )
         image_size = needed
     size = DEFAULT_IMAGE_SIZE if image_size is None else image_size
@@ -107,7 +107,7 @@ def fitted(
 
 
 def _needed_size(pixels: Any, height: int, width: int) -> int:
-    """Return the pixels on each side that a policy's `image_size` asks for."""
+    """Return the pixels on each side that a policy's `image_size` requires."""
     size = asked(partial(pixels, height, width)) if callable(pixels) else pixels
     try:
         return whole("image_size", size, 1, PICTURE_SIZE)
@@ -121,18 +121,18 @@ def _needed_size(pixels: Any, height: int, width: int) -> int:
 def decide(
     policy: Policy, observations: NDArray[Any], rows: NDArray[np.int64] | None = None
 ) -> NDArray[np.int64]:
-    """Return the actions that a policy takes; the first of those with the highest score.
+    """Return the actions of a policy; of equally high scores the first counts.
 
     Args:
-        policy: What is asked.
+        policy: The policy to call.
         observations: The B observations that it is shown.
-        rows: Which answers count, N of them; None for all. Others may be no actions.
+        rows: The N answers that count; None for all. The others need not be actions.
 
     Returns:
-        From 0 to 3, shape (N,).
+        Actions from 0 to 3, shape (N,).
 
     Raises:
-        PolicyError: It raises an error, or answers with anything but actions.
+        PolicyError: The policy raises an error, or answers with anything but actions.
     """
     shown = observations.tolist() if observations.dtype.kind == "U" else observations
     given = asked(policy, shown)
@@ -160,10 +160,10 @@ def decide(
 
 
 def memory_of(remembered: Callable[[], Any], count: int) -> NDArray[Any]:
-    """Return what a policy remembers of some episodes, a row for each.
+    """Return what a policy remembers of `count` episodes, a row for each.
 
     Raises:
-        PolicyError: It raises an error, or answers with anything but such an array.
+        PolicyError: The policy raises an error, or answers with anything but such an array.
     """
     given = asked(remembered)
     held = _as_array(given, "remembered()")
@@ -179,18 +179,18 @@ def _as_array(answer: Any, who: str = "the policy") -> NDArray[Any]:
     try:
         if hasattr(answer, "detach"):  # A tensor of PyTorch, on any device.
             answer = answer.detach().cpu()
-            # Numpy has no bfloat16, and every number of a smaller kind is one of double's.
+            # NumPy has no bfloat16; float64 holds every value of a smaller type exactly.
             answer = answer.double() if answer.is_floating_point() else answer
         array = np.asarray(answer)
-        # JAX's bfloat16, which is no kind of numpy's.
+        # JAX's bfloat16 is not a NumPy type.
         return array.astype(np.float64) if array.dtype.kind == "V" else array
-    except Exception as error:  # Of any kind: the answer is a stranger's.
+    except Exception as error:  # The answer may be of any class.
         name = type(answer).__name__
-        raise PolicyError(f"{who} answered {name}, which is no array: give one") from error
+        raise PolicyError(f"{who} answered {name}, which is not an array: give one") from error
 
 
 def _described(value: Any) -> str:
-    """Return what a value is, in words."""
+    """Return a short description of a value's type."""
     if isinstance(value, np.ndarray):
         return f"{value.dtype} of shape {value.shape}"
     texts = isinstance(value, list) and all(isinstance(each, str) for each in value)
@@ -200,8 +200,8 @@ def _described(value: Any) -> str:
 def as_function(policy: Any) -> Policy:
     """Return a policy without memory as a function.
 
-    A module of PyTorch is given tensors on its own device, in evaluation mode and without
-    gradients, and is left as it was.
+    A PyTorch module is called with tensors on its own device, in evaluation mode and without
+    gradients; afterwards its modes are restored.
     """
     if not _is_module(policy):
         function: Policy = policy
@@ -231,7 +231,7 @@ def _is_module(policy: Any) -> bool:
 
 
 class Predicting:
-    """A policy that remembers, in the form of Stable-Baselines3, as one with `reset` and `act`."""
+    """Adapts a Stable-Baselines3 policy with memory to `reset` and `act`."""
 
     def __init__(self, policy: Any) -> None:
         self._predict = policy.predict
@@ -254,21 +254,21 @@ def _remembers(policy: Any) -> bool:
 
 
 def _in_our_form(policy: Any) -> Any:
-    """Return a policy in the form of Stable-Baselines3 in one of ours, any other as it is.
+    """Adapt a policy with the interface of Stable-Baselines3; return any other unchanged.
 
-    Its `predict(observation, state, episode_start, deterministic)` returns actions and a state. The
-    state is None if it remembers nothing, as one observation shows; without an observation space
-    to draw that from, it is stepped, which is right for both. Its policies are modules of PyTorch,
-    too, but what they return when called are no actions.
+    Its `predict(observation, state, episode_start, deterministic)` returns actions and a state. If
+    the state for a sample observation is None, the policy has no memory; without an observation
+    space to sample from, it is stepped, which is right in either case. Such policies may also be
+    PyTorch modules, but calling them does not return actions.
 
     Raises:
-        PolicyError: It is in the form of LeRobot, whose processors are missing.
+        PolicyError: It has LeRobot's interface, but lacks its processors.
     """
     if _remembers(policy) or (callable(policy) and not _is_module(policy)):
         return policy
     if hasattr(policy, "reset") and hasattr(policy, "select_action"):
         raise PolicyError(
-            "policy: give one of LeRobot with its processors, as examples/lerobot_policy.py does"
+            "policy: give a LeRobot policy with its processors, as examples/lerobot_policy.py does"
         )
     if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
         return policy
@@ -280,24 +280,24 @@ def _in_our_form(policy: Any) -> Any:
 
 @dataclass(frozen=True)
 class Player:
-    """A policy, as it is asked."""
+    """Any policy, in the form in which it is called."""
 
     act: Policy
     reset: Callable[[int], object] | None
-    """Begins a number of episodes at once; None for a function."""
+    """Begins `count` episodes at once; None for a function."""
     forgets: bool
-    """Whether its action follows from the observation, so that look-ups do for it."""
+    """Whether the action depends on the observation alone, so that look-ups suffice."""
     remembered: Callable[[], NDArray[Any]] | None = None
-    """Returns all that it remembers, a row for each episode; None for one that does not say it."""
+    """Returns all that it remembers, a row for each episode; None if the policy cannot."""
 
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
-        """Return a policy as it is asked: one of those that `evaluate` takes.
+        """Wrap any policy that `evaluate` accepts.
 
-        One that takes an argument `rng` gets a generator that the seed settles.
+        A policy with an argument `rng` gets a generator with this seed.
 
         Raises:
-            PolicyError: It is not one of these.
+            PolicyError: `evaluate` does not accept the policy.
         """
         if not isinstance(policy, type):
             policy = asked(_in_our_form, policy)
@@ -323,5 +323,5 @@ class Player:
 def _takes(function: Callable[..., Any], argument: str) -> bool:
     try:
         return argument in inspect.signature(function).parameters
-    except Exception:  # A function that is not written in Python, or one that hides what it takes.
+    except Exception:  # A function that is not written in Python, or hides its signature.
         return False

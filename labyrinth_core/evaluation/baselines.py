@@ -1,8 +1,8 @@
-"""What needs no learning, beside which the figures of a policy stand.
+"""Baselines that need no learning, to compare the figures of a policy with.
 
-Random actions and the optimum depend on the labyrinths alone. The others know the demonstrations of
-train: two act blindly, and two see the walls of the labyrinth that they are in. Nothing in them
-generalises.
+Random actions and the optimum depend on the labyrinths alone. The other baselines know the
+demonstrations of train: two act blindly, and two see the walls of the current labyrinth. None of
+them generalises.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ REFERENCES = {
 """Reference -> what it does."""
 
 SIDES = 1 << np.arange(4)
-"""What a wall on each of the four sides of a cell adds to the number of its surroundings."""
+"""The bit for a wall on each of the four sides of a cell, in the number of its surroundings."""
 SURROUNDINGS = 16
 
 
@@ -56,8 +56,8 @@ class TrainMemory:
     def of(cls, train: LabyrinthArrays) -> TrainMemory:
         """Return the memory of a split's demonstrations.
 
-        In surroundings that no demonstration meets in a cell, it has the action most frequent in
-        the same surroundings elsewhere; in those met nowhere, the most frequent of all.
+        For surroundings that no demonstration meets in a cell, `actions` has the most frequent
+        action in the same surroundings elsewhere; for those met nowhere, the most frequent of all.
         """
         begun = zip(train.route_starts.tolist(), train.routes, strict=True)
         routes = RouteMemory(_visited(train, start, route) for start, route in begun)
@@ -69,7 +69,7 @@ class TrainMemory:
 
     @cached_property
     def majority(self) -> NDArray[np.int64]:
-        """The action demonstrated most often in each cell, or in all cells if in it none is."""
+        """The action demonstrated most often in each cell; for unvisited cells, in all cells."""
         counts = np.zeros((self.train.cells, 4), np.int64)
         np.add.at(counts, self.train.position, self.train.demonstrated)
         unseen = counts.sum(axis=1) == 0
@@ -81,8 +81,8 @@ class TrainMemory:
     def best_route(self) -> tuple[int, ...]:
         """The demonstrated route, of the 500 most frequent, that solves most labyrinths.
 
-        Kept, since it takes 50 ms to find with 100 labyrinths and half a second with 1,000, for
-        each of up to 19 splits.
+        Cached, since finding it takes 50 ms with 100 labyrinths and 0.5 s with 1,000, and up to 19
+        splits need it.
         """
         train = self.train
         counts = Counter(tuple(route.tolist()) for route in train.routes)
@@ -92,9 +92,9 @@ class TrainMemory:
     def figures(
         self, arrays: LabyrinthArrays, *, blind: bool = False
     ) -> tuple[NDArray[np.bool_], dict[str, dict[str, float]]]:
-        """Return of which labyrinths a shortest route is remembered, and each baseline's figures.
+        """Return which labyrinths have a remembered shortest route, and each baseline's figures.
 
-        The first has the shape (L,). Those of `BLIND` are only among the others if `blind` says so.
+        The first has shape (L,). The baselines in `BLIND` are included only with `blind`.
         """
         walked = self.walk(arrays)
         looked_up = follow(arrays, self.actions[arrays.position, surroundings(arrays)])
@@ -111,7 +111,7 @@ class TrainMemory:
         return {name: Scores.of(episodes, arrays).summary() for name, episodes in found}
 
     def walk(self, arrays: LabyrinthArrays) -> Episodes:
-        """Return the episodes of the agent that takes remembered ways; without one it stays."""
+        """Return the episodes of an agent that follows remembered routes, and stays without one."""
         ways = [self.routes.best(labyrinth) for labyrinth in arrays.labyrinths]
         moves = [arrays.step_limit if way is None else len(way) for way in ways]
         outcomes = np.array(["cut" if way is None else "solved" for way in ways])
@@ -119,7 +119,7 @@ class TrainMemory:
 
 
 def _visited(arrays: LabyrinthArrays, state: int, route: NDArray[np.int64]) -> list[int]:
-    """Return the cells that the agent is in on a route that begins in a state."""
+    """Return the cells that the agent visits on a route that begins in `state`."""
     states = [state]
     for action in route.tolist():
         states.append(int(arrays.next_state[states[-1], action]))
@@ -128,7 +128,7 @@ def _visited(arrays: LabyrinthArrays, state: int, route: NDArray[np.int64]) -> l
 
 
 def surroundings(arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return on which sides each state has a wall or a locked door, as a number, shape (S,)."""
+    """Return a bit set per state of the sides with a wall or a locked door, shape (S,)."""
     blocked = arrays.next_state == np.arange(len(arrays.next_state))[:, None]
     numbers: NDArray[np.int64] = blocked @ SIDES
     return numbers
@@ -143,7 +143,7 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     """Return the exact expectations of uniformly random actions.
 
     No episode is played: the distribution over the states is propagated step by step up to the
-    limit; probability that reaches a terminal state leaves it, with the return of that step.
+    limit; probability that reaches a terminal state is removed, with the return of that step.
     """
     count, labyrinths = arrays.next_state.shape[0], len(arrays.initial)
     here = np.repeat(np.arange(count), 4)

@@ -1,13 +1,13 @@
-"""`compare`: which of two policies is better, on fresh labyrinths until that is decided.
+"""`compare` two policies on fresh labyrinths until one is shown to be better.
 
 from labyrinth_core import compare
 
 print(compare(policy, other, "data/labyrinth", "5x5"))
 
-Only labyrinths that one of the two solves and the other does not tell them apart, as in McNemar's
-test. Among these, each policy is equally likely to be the one that solves if both are equally good.
-The evidence against that is a likelihood ratio: the probability of what was seen if the first
-policy wins an unknown share of them, with Jeffreys' prior, over its probability if the share is a
+Only labyrinths that exactly one of the two solves tell them apart, as in McNemar's test. If both
+policies are equally good, each is equally likely to be the one that solves such a labyrinth. The
+evidence against that is a likelihood ratio: the probability of the observed wins if the first
+policy wins an unknown share of them, with Jeffreys' prior, over their probability if the share is a
 half. It is a test martingale (Ville 1939), so looking at it after every labyrinth, and stopping
 when it is large, does not raise the probability of an error: see Ramdas, Grunwald, Vovk and Shafer
 2023, "Game-theoretic statistics and safe anytime-valid inference", and Waudby-Smith and Ramdas
@@ -41,7 +41,7 @@ TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
 
 PURPOSE = 3
-"""The key of the randomness of fresh labyrinths, which no part of a dataset has."""
+"""The random key of fresh labyrinths, which no part of a dataset uses."""
 
 
 def log_evidence(
@@ -55,9 +55,9 @@ def log_evidence(
         share: The share or shares, above 0 and below 1, shape (...).
 
     Returns:
-        Of the shape of the shares.
+        An array of the shape of `share`.
     """
-    # The ratio of two values of the beta function, of which the second is pi.
+    # The ratio of two values of the beta function, the second of which is pi.
     seen = lgamma(wins + 0.5) + lgamma(losses + 0.5) - lgamma(wins + losses + 1) - log(pi)
     return np.asarray(seen - wins * np.log(share) - losses * np.log1p(-np.asarray(share)))
 
@@ -67,7 +67,7 @@ class Comparison:
     """Two policies in the same labyrinths."""
 
     labyrinths: int
-    """The number of labyrinths that both were judged in."""
+    """The number of labyrinths in which both were judged."""
     both: int
     """How many of them both solve."""
     wins: int
@@ -75,13 +75,13 @@ class Comparison:
     losses: int
     """How many of them the other policy alone solves."""
     steps: int
-    """The number of steps within which a labyrinth is to be solved."""
+    """The number of steps within which a labyrinth has to be solved."""
     error: float
-    """The largest probability with which two equally good policies are told apart."""
+    """The largest probability of declaring one of two equally good policies better."""
 
     @property
     def evidence(self) -> float:
-        """The evidence against both being equally good; they are told apart at 1 / `error`."""
+        """The evidence against both being equally good; 1 / `error` decides."""
         return exp(min(float(log_evidence(self.wins, self.losses)), 700))
 
     @property
@@ -93,17 +93,17 @@ class Comparison:
 
     @property
     def difference(self) -> float:
-        """The first policy's success rate less the other's; stopping early exaggerates it."""
+        """The first policy's success rate minus the other's; stopping early exaggerates it."""
         return (self.wins - self.losses) / self.labyrinths
 
     @property
     def interval(self) -> tuple[float, float]:
         """Bounds of the share of wins among the labyrinths that one policy alone solves.
 
-        At any time, and at all times together, the share lies within them but for a probability of
-        `error`. They are 0 and 1 where no labyrinth tells the policies apart.
+        With probability 1 - `error`, the share lies within them at all times together. They are 0
+        and 1 as long as no labyrinth tells the policies apart.
         """
-        # The share that is expected after these labyrinths is always possible.
+        # The share expected after these labyrinths is always within the bounds.
         expected = (self.wins + 0.5) / (self.wins + self.losses + 1)
         shares = np.sort(np.append(np.linspace(0.001, 0.999, 999), expected))
         against = log_evidence(self.wins, self.losses, shares)
@@ -142,30 +142,30 @@ def compare(
 ) -> Comparison:
     """Compare two policies on fresh labyrinths of the distribution of `test`, until one is better.
 
-    The labyrinths are drawn `TOGETHER` at a time, on structures that no dataset trains on. A policy
-    that draws at random plays one episode in each. Equally good policies are told apart with a
-    probability of at most `error`, however often the evidence is looked at.
+    The labyrinths are drawn `TOGETHER` at a time, on structures that no dataset trains on. A
+    stochastic policy plays one episode in each. The probability of declaring one of two equally
+    good policies better is at most `error`, however often the evidence is checked.
 
     Args:
         policy: The first policy, as `evaluate` takes it.
         other: The other policy.
         source: Folder with a dataset, or its id on the Hub; only its manifest is read.
-        config: Name of the dataset's config, such as `5x5`: size, task and sampler are its own.
-        observation: As `evaluate` has it, for both policies or as a pair.
-        image_size: As `evaluate` has it, for both policies or as a pair.
-        within: The number of steps that solve a labyrinth: "cells" for as many as it has cells,
+        config: Name of the dataset's config, such as `5x5`, which sets size, task and sampler.
+        observation: As for `evaluate`, for both policies or as a pair.
+        image_size: As for `evaluate`, for both policies or as a pair.
+        within: The number of steps allowed: "cells" for as many as the labyrinth has cells,
             "limit" for the step limit of the benchmark, within which random steps solve most.
         most: The number of labyrinths after which to stop undecided.
         error: The largest probability of an error, above 0 and below 1.
-        seed: Determines the labyrinths, and what policies draw.
+        seed: Seed of the labyrinths and of stochastic policies.
         revision: Branch, tag or commit on the Hub; not for folders.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        PolicyError: A policy is not one, raises an error, answers with anything but actions, or
-            cannot be shown these labyrinths.
-        DatasetError: There is no such dataset.
-        LabyrinthError: The labyrinths of the dataset can hardly be drawn.
+        PolicyError: An argument is not a policy, or a policy raises an error, answers with anything
+            but actions, or cannot be shown these labyrinths.
+        DatasetError: The dataset does not exist.
+        LabyrinthError: Too few structures can hold the dataset's task; see `sample_test`.
     """
     seed, most = whole("seed", seed, 0, MOST_SEED), whole("most", most, 1, 10**9)
     if within not in ("cells", "limit"):

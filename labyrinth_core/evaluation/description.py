@@ -1,4 +1,4 @@
-"""The description of a policy: its name, its author, the run that made it."""
+"""The description of a policy: its name, its author, and the run that made it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ DETAILS = {
     "steps": "steps that it has taken in environments while it learnt",
     "parameters": "parameters of its networks",
 }
-"""Detail -> what it is the number of."""
+"""Detail -> what it counts."""
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
@@ -35,7 +35,7 @@ _RESERVED = {name.replace("_", " ") for name in (*BASELINES, *REFERENCES, *REPLA
 
 
 def as_compared(name: str) -> str:
-    """Return a name as it is compared: case, blanks and forms of a letter make no other name."""
+    """Return a name in comparable form, without differences of case, blanks or letter forms."""
     return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
@@ -44,9 +44,9 @@ class Description:
     """The description of a policy in tables; all but the name may be left out.
 
     Raises:
-        ValueError: The name is empty or that of a baseline, the address or the date is not valid, a
-            text is too long or has characters that cannot be seen, or a detail is not in `DETAILS`
-            or not a count.
+        ValueError: The name is empty or a baseline's, the address or the date is not valid, a text
+            is too long or has unprintable characters, or a detail is not in `DETAILS` or not a
+            count.
     """
 
     name: str
@@ -60,19 +60,18 @@ class Description:
     budget: str = ""
     """What it has learnt from, in words."""
     details: Mapping[str, int] = field(default_factory=dict)
-    """The same in numbers, by the names of `DETAILS`."""
+    """Counts, such as of its training labyrinths; the keys are those of `DETAILS`."""
 
     def __post_init__(self) -> None:
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
         if as_compared(self.name).replace("_", " ") in _RESERVED:
-            raise ValueError(f"name={self.name}: a baseline is called so; choose another name")
+            raise ValueError(f"name={self.name}: a baseline has this name; choose another")
         for what in ("name", "author", "url", "date", "budget"):
             text = getattr(self, what)
             if len(text) > LONGEST or not text.isprintable():
                 raise ValueError(
-                    f"{what}={text!r:.60}: give one line of {LONGEST} characters at most, all of "
-                    "which can be seen"
+                    f"{what}={text!r:.60}: give one line of at most {LONGEST} printable characters"
                 )
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")
@@ -95,11 +94,11 @@ def is_day(text: str) -> bool:
 
 @dataclass(frozen=True, kw_only=True)
 class RunName:
-    """What tells a run of training from others on the same dataset, and its name."""
+    """The choices that distinguish a training run on a dataset, and the run's name."""
 
     method: str
     encoder: str
-    """The network that looks at an observation; the method's name if it has one of its own."""
+    """The network that encodes observations; the method's name if it has its own network."""
     protocol: str
     train_labyrinths: int | None = None
     """The number of labyrinths learnt from; None for all."""
@@ -107,7 +106,7 @@ class RunName:
 
     @property
     def _others(self) -> list[str]:
-        """The choices beside method and encoder that are not the usual ones."""
+        """The choices besides method, encoder and seed that are not the defaults."""
         parts = [self.protocol] * (self.protocol != "default")
         if self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")
@@ -135,12 +134,12 @@ class RunName:
 
 @dataclass(frozen=True, kw_only=True)
 class TrainedRun(RunName):
-    """The run of training that made a policy, as its results tell it."""
+    """The training run that made a policy, as stored in its results."""
 
     settings: Mapping[str, Any]
     """The settings of the method."""
     config: str
-    """The config of the dataset that it learnt from, such as `5x5`."""
+    """The config of the dataset it learnt from, such as `5x5`."""
     dataset: str
     revision: str | None = None
     fingerprint: str
@@ -148,26 +147,26 @@ class TrainedRun(RunName):
     training: Mapping[str, Any]
     """`epochs`, `seconds`, the `selected` epoch, and how it was `computed`."""
     evaluated: Mapping[str, Any]
-    """The device and the versions of libraries, and the SHA-256 of the `weights` if it is known."""
+    """The device, the versions of libraries, and the SHA-256 of the `weights` if known."""
     references_know: str | None = None
-    """The fingerprint of the dataset whose train the references know, if it is not the one that
-    the policy is judged on."""
+    """The fingerprint of the dataset whose train the references know; None if it is the dataset
+    on which the policy is judged."""
     as_tried: Mapping[str, Mapping[str, float]] | None = None
-    """Split -> the figures by the rules of a protocol that has some of its own."""
+    """Figures by split under the protocol's own rules, if any."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
-    """What the judge of a season signs: which policy was judged, from which files, with what."""
+    """What the judge of a season signs: the policy, its files, and the versions of libraries."""
 
     season: str
     secret_sha256: str
     """The season's commitment to its secret."""
     submission: str
-    """The policy as it was named: an id on the Hub with a revision, or a folder."""
+    """The policy as submitted: an id on the Hub with a revision, or a folder."""
     commit: str | None
     """The commit on the Hub; None for a folder."""
     files: Mapping[str, str]
-    """Name -> SHA-256 of each file that the policy was read from, its weights among them."""
+    """Name -> SHA-256 of each file of the policy, including its weights."""
     versions: Mapping[str, str]
-    """Library -> version, of the judge."""
+    """Library -> version that the judge used."""

@@ -1,4 +1,4 @@
-"""`evaluate`: what any policy achieves on a dataset.
+"""`evaluate` any policy on a dataset.
 
 from labyrinth_core import evaluate
 
@@ -33,10 +33,10 @@ NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
 
 TRIED = 256
-"""The number of states of a split in which a policy is asked twice, to see that it answers alike.
+"""The number of states of a split for which a policy is called twice, to see if answers agree.
 
-One that draws at random in one of fifty answers is found in 999 of 1,000 cases, as two draws of
-four actions agree in a quarter of them.
+A policy that draws one in fifty of its answers at random is found in 999 of 1,000 cases: a random
+action agrees with the other answer in a quarter of them.
 """
 
 
@@ -52,35 +52,35 @@ def evaluate(
     splits: Sequence[str] | None = None,
     revision: str | None = None,
 ) -> Results:
-    """Return what a policy achieves in the labyrinths of a dataset.
+    """Return the results of a policy in the labyrinths of a dataset.
 
-    A policy is one of these. What it answers may be an array of numpy, PyTorch or JAX: B actions,
+    A policy is one of the following. It answers with an array of NumPy, PyTorch or JAX: B actions,
     or scores of shape (B, 4), of which the highest counts.
 
-    - A function from B observations to answers, or a module of PyTorch, which is given tensors. It
-      remembers nothing, so it is asked once about each state of each labyrinth.
-    - An object with `reset(count)` and `act(observations)`, which may remember. Its episodes are
-      stepped in lock-step, all `count` at once; when some are over, it still sees how they ended,
-      and what it answers there is not looked at.
-    - Either of them, if the function or `reset` has an argument `rng`: a `numpy.random.Generator`,
-      for a policy that draws its actions at random. It is stepped, too.
-    - A model or policy of Stable-Baselines3, or anything else with its `predict`, which is asked
-      for deterministic actions. One that returns a state is stepped, as it remembers.
+    - A function from B observations to answers, or a PyTorch module, which is given tensors. It has
+      no memory, so it is called once for each state of each labyrinth.
+    - An object with `reset(count)` and `act(observations)`, which may have memory. All `count`
+      episodes are stepped in lock-step; it still sees the final states of finished episodes, and
+      its answers there are ignored.
+    - Either of them, if the function or `reset` takes an argument `rng`: a
+      `numpy.random.Generator`, for a stochastic policy. It is stepped, too.
+    - A model or policy of Stable-Baselines3, or any object with its `predict`, called with
+      `deterministic=True`. If it returns a state, it has memory and is stepped.
 
-    A policy that says what it has to be shown, as those of `load_policy` do, is shown that: see
-    `labyrinth_core.evaluation.answers.fitted`.
+    A policy with attributes for what it has to be shown, such as those of `load_policy`, is shown
+    that: see `labyrinth_core.evaluation.answers.fitted`.
 
     Args:
-        policy: What is judged.
+        policy: The policy to evaluate.
         source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
         config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
         observation: What the policy is shown: "image", uint8 (B, image_size, image_size, 3);
             "vector", int32 (B, length); or "text", a list of B texts in the language of labyrinths,
-            with the agent in them as `@`. None for what the policy says, or "image".
-        image_size: Pixels on each side of the pictures. None for what the policy says, or 64.
-        episodes: How many episodes to step in each labyrinth; for a policy that draws at random.
-            None for look-ups where the policy allows them, else one.
-        seed: Settles the generator `rng`.
+            with the agent as `@`. None for the policy's own, or "image".
+        image_size: Pixels on each side of the pictures. None for the policy's own, or 64.
+        episodes: Number of episodes to step in each labyrinth, for a stochastic policy. None for
+            look-ups if the policy allows them, else one episode.
+        seed: Seed of the generator `rng`.
         splits: The splits to evaluate on; None for all but `random`.
         revision: Branch, tag or commit on the Hub; not for folders.
 
@@ -88,7 +88,7 @@ def evaluate(
         ValueError: An argument has a value that is not allowed.
         PolicyError: The policy is not one of these, raises an error, answers with anything but
             actions, or cannot be shown these labyrinths.
-        DatasetError: There is no such dataset or split.
+        DatasetError: The dataset or split does not exist.
     """
     seed = whole("seed", seed, 0, MOST_SEED)
     if episodes is not None:
@@ -152,12 +152,12 @@ def judge(
 
     Args:
         player: The policy.
-        load: Returns the labyrinths of a split, given its name; in another observation than the
-            policy's, if that is the second argument.
+        load: Returns the labyrinths of a split, given its name, with the policy's observation or
+            the one given as second argument.
         splits: The names of the splits.
         task: The task of the labyrinths.
-        episodes: As `evaluate` has it.
-        learnt: The labyrinths that the references know; None for those of the split train.
+        episodes: As for `evaluate`.
+        learnt: The labyrinths that the references know; None for all of the split train.
         blind: Whether to add the baselines that do not look at a labyrinth.
     """
     memory = TrainMemory.of(load("train", "vector") if learnt is None else learnt)
@@ -171,7 +171,7 @@ def judge(
         else:
             found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
         scores[split] = replace(found, known_route=known)
-        del arrays  # So that those of one split are gone before the next ones.
+        del arrays  # Frees the arrays before those of the next split are loaded.
         if task is Task.PARTIAL_OBSERVABILITY:
             beside |= replan(load(split, "vector"))
         for name, figures in beside.items():
@@ -192,7 +192,7 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
 
 
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores by look-ups, if a policy that is asked twice answers alike."""
+    """Return the scores by look-ups, after checking that two calls give the same answers."""
     acting = np.flatnonzero(~arrays.terminal)
     some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
     first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))

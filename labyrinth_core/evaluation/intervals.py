@@ -1,10 +1,10 @@
 """Confidence intervals of means over labyrinths and seeds.
 
-The percentile bootstrap (Efron 1979; Efron and Tibshirani 1993, chapter 13): labyrinths are
-resampled with replacement, and so are seeds where there are several. As every seed is evaluated on
-the same labyrinths, the two are resampled independently of each other. Of many values the means are
-normally distributed, with a variance that needs no resampling (Owen 2007, "The pigeonhole
-bootstrap"): 2,000 resamples of 100,000 values take ten seconds.
+The percentile bootstrap (Efron 1979; Efron and Tibshirani 1993, chapter 13) resamples labyrinths
+with replacement, and seeds if there are several. Every seed is evaluated on the same labyrinths, so
+the two are resampled independently. With many values, 2,000 resamples take too long (ten seconds
+for 100,000), but the means are normally distributed, with a variance that needs no resampling (Owen
+2007, "The pigeonhole bootstrap").
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _TAIL = (1 - CONFIDENCE) / 2
 _TOGETHER = 100
 
 MOST_RESAMPLED = 5_000
-"""The largest number of values that are resampled."""
+"""Above this many values, the normal approximation replaces resampling."""
 
 
 def interval(
@@ -28,7 +28,7 @@ def interval(
 ) -> tuple[float, float]:
     """Return the bounds of the interval of the mean at the level `CONFIDENCE`.
 
-    The same values give the same bounds. The interval of equal values is that value alone, which
+    The bounds are deterministic. If all values are equal, the interval is that single value, which
     is too narrow; with few seeds it is too narrow as well.
 
     Args:
@@ -46,8 +46,8 @@ def interval(
 def _normal(values: NDArray[np.float64], minus: NDArray[np.float64] | None) -> tuple[float, float]:
     """Return the bounds of the interval of many values, from the variance of resampled means.
 
-    It is that of the means of seeds, of the means of labyrinths, and of what neither explains, each
-    divided by how many are drawn.
+    This sums three variances, each divided by the number of draws: of the seeds' means, of the
+    labyrinths' means, and of the residuals.
     """
     parts = [values] if minus is None else [values, minus]
     of_seeds = values.mean(axis=1) - (0 if minus is None else minus.mean(axis=1))

@@ -1,7 +1,7 @@
-"""The labyrinths of a dataset and what follows from them, with which results are compared.
+"""Recompute a dataset's labyrinths, known routes and baselines, to check results against them.
 
-No labyrinth, known route or baseline in a file is believed: all are computed again from the rows of
-the dataset.
+Labyrinths, known routes and baselines in a results file are not trusted: they are compared with
+those computed from the rows of the dataset.
 """
 
 from __future__ import annotations
@@ -24,35 +24,35 @@ from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.world.labyrinth import Task
 
 _CLOSE = 1e-9
-"""The largest difference of two figures of a baseline that are the same; another processor may sum
-many probabilities in another order."""
+"""Figures of a baseline that differ by no more than this are equal; another processor may sum many
+probabilities in another order."""
 
 
 @dataclass(frozen=True, eq=False)
 class KnownSplit:
-    """The L labyrinths of a split, or the first ones, and what follows from them."""
+    """The L labyrinths of a split, or its first L, with routes and baselines computed from them."""
 
     place: str
-    """The dataset, for messages."""
+    """The name of the dataset, for messages."""
     labyrinth_ids: NDArray[np.int64]
-    """Shape (L,)."""
+    """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
     """Moves on a shortest route, shape (L,)."""
     known_route: Bools
     """Whether train demonstrates an optimal route, shape (L,)."""
     single_route: Bools
-    """Whether only one route repeats no state, since the structure has no loop, shape (L,)."""
+    """Whether the structure has no loop, so that only one route repeats no state, shape (L,)."""
     to_ice: NDArray[np.int64]
-    """The fewest moves to ice, for an even and for an odd number of moves, shape (L, 2); more than
-    the step limit where there is no such ice."""
+    """The fewest moves to ice, among even and among odd numbers of moves, shape (L, 2); more than
+    the step limit if no ice can be reached so."""
     acting: tuple[int, int]
-    """The number of states that each of `ACCURACIES` is a share of."""
+    """The number of states over which each of `ACCURACIES` is computed."""
     baselines: Mapping[str, Mapping[str, float]]
     """Baseline -> its figures."""
 
     @classmethod
     def of(cls, place: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
-        """Return what follows from a split that is observed as vectors."""
+        """Compute the properties of a split that is observed as vectors."""
         known, baselines = memory.figures(arrays, blind=True)
         if arrays.labyrinths[0].task is Task.PARTIAL_OBSERVABILITY:
             baselines |= replan(arrays)
@@ -69,11 +69,11 @@ class KnownSplit:
         )
 
     def differences(self, scores: Scores, *, looks_up: bool) -> Iterator[str]:
-        """Yield what is of other labyrinths, or impossible in these.
+        """Yield each result that does not fit the dataset's labyrinths.
 
         Args:
             scores: The scores.
-            looks_up: Whether the policy remembers nothing; then no way to an end repeats a state.
+            looks_up: Whether the policy has no memory; then no episode that ends repeats a state.
         """
         if len(scores.distance) != len(self.distance):
             yield f"{len(scores.distance)} labyrinths, but {self.place} has {len(self.distance)}"
@@ -87,15 +87,15 @@ class KnownSplit:
                 f"{scores.distance[place]} moves, but of {self.distance[place]} in {self.place}"
             )
         if np.any(scores.known_route != self.known_route):
-            yield f"known_route does not say which routes train of {self.place} demonstrates"
+            yield f"known_route does not match the routes that train of {self.place} demonstrates"
         moves, solved = scores.episodes.moves, scores.episodes.solved
         iced = scores.episodes.outcomes == "ice"
         of_parity = np.where(moves % 2 == 1, self.to_ice[:, 1], self.to_ice[:, 0])
         roundabout = solved & (moves > self.distance)
         cases = [
             (iced & (moves < self.to_ice.min(axis=1)), "ice, which is farther away"),
-            (iced & (moves < of_parity) & looks_up, "ice, where so many moves lead to none"),
-            (roundabout & self.single_route & looks_up, "a detour, where only one route leads on"),
+            (iced & (moves < of_parity) & looks_up, "ice, which so many moves cannot reach"),
+            (roundabout & self.single_route & looks_up, "a detour, but only one possible route"),
         ]
         yield from cases_of(scores, cases)
         for name, count in zip(ACCURACIES, self.acting, strict=True):
@@ -103,7 +103,7 @@ class KnownSplit:
             states = count if looks_up else 0
             part = None if share is None else share * states
             if (part is None) != (states == 0) or (part and abs(part - round(part)) > 1e-6):
-                yield f"{name} is {share}, which is no share of {states} states"
+                yield f"{name} is {share}, which is not a share of {states} states"
 
     def other_baselines(
         self, given: Mapping[str, Mapping[str, float]], *, blind: bool
@@ -112,7 +112,7 @@ class KnownSplit:
 
         Args:
             given: The figures by baseline.
-            blind: Whether those that do not look at a labyrinth have to be given.
+            blind: Whether the baselines in `BLIND` are required.
         """
         for name, figures in self.baselines.items():
             if name not in given and (blind or name not in BLIND):
@@ -123,7 +123,7 @@ class KnownSplit:
 
 
 def _moves_to_ice(arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the fewest moves to ice, for an even and an odd number of moves, shape (L, 2)."""
+    """Return the fewest moves to ice, among even and among odd numbers of moves, shape (L, 2)."""
     fewest = np.full((len(arrays.initial), 2), arrays.step_limit + 1)
     reached = np.zeros(len(arrays.terminal), np.bool_)
     states, moves = arrays.initial, 0
@@ -140,7 +140,7 @@ def _moves_to_ice(arrays: LabyrinthArrays) -> NDArray[np.int64]:
 
 @dataclass(frozen=True, eq=False)
 class KnownDataset:
-    """A dataset in a folder or on the Hub; each split is read when it is first asked for."""
+    """A dataset in a folder or on the Hub; each split is read when it is first requested."""
 
     source: str
     config: str
@@ -151,11 +151,11 @@ class KnownDataset:
 
     @classmethod
     def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
-        """Return a dataset of which nothing but the manifest is read so far.
+        """Return a dataset after reading its manifest only.
 
         Raises:
-            ValueError: A folder is given with a revision.
-            DatasetError: There is no such dataset.
+            ValueError: A revision is given for a folder.
+            DatasetError: The dataset does not exist.
         """
         return cls(source, config, revision, Manifest.read(locate(source, config, [], revision)))
 
@@ -166,18 +166,18 @@ class KnownDataset:
 
     @property
     def fingerprint(self) -> str:
-        """The fingerprint of its rows."""
+        """The fingerprint of the dataset's rows."""
         return self.manifest.fingerprint
 
     def require_counts(self, counts: Mapping[str, int], learnt: int | None) -> None:
-        """Check the most labyrinths that each split may have, for which no row is read.
+        """Check that no split has more labyrinths than the dataset, without reading any row.
 
         Args:
             counts: Split -> number of labyrinths.
-            learnt: As `split` has it.
+            learnt: As for `split`.
 
         Raises:
-            ValueError: The dataset has fewer, or no such split.
+            ValueError: The dataset has fewer labyrinths in a split, or no such split.
         """
         held = Counter[str]()
         for shard in self.manifest.shards:
@@ -188,19 +188,19 @@ class KnownDataset:
                 right = min(right, learnt)
             if not right:
                 raise ValueError(f"{split}: {self.place} has no such split")
-            if count > right:  # Fewer where a split holds a labyrinth twice, as one_wall may.
+            if count > right:  # Fewer if a split holds a labyrinth twice, as one_wall may.
                 raise ValueError(f"{split}: {count} labyrinths, but {self.place} has {right}")
 
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
-        """Return what is known of a split.
+        """Return a split's labyrinths, routes and baselines, computed from the dataset.
 
         Args:
             name: The name of the split.
-            learnt: The number of labyrinths of train, the first ones, that a policy learnt from;
-                the references know these alone, and it is judged on these alone. None for all.
+            learnt: The number of labyrinths, the first of train, that a policy learnt from; the
+                references know only these, and it is judged only on these. None for all.
 
         Raises:
-            DatasetError: Its rows cannot be read.
+            DatasetError: The rows of the split cannot be read.
         """
 
         def load(split: str) -> LabyrinthArrays:

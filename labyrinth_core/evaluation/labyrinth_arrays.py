@@ -1,7 +1,7 @@
-"""The labyrinths of a split as arrays, in which every state of every labyrinth has a number.
+"""The labyrinths of a split as arrays, indexed by the states of all labyrinths.
 
-Evaluation, labelling and rollouts are then look-ups, without the environment. The arrays follow
-from the column `info` and from the actions; pictures are drawn, and equal those of `obs`.
+Evaluation, labelling and rollouts become look-ups, without the environment. The arrays are computed
+from the column `info` and the actions; pictures are drawn, and equal those in `obs`.
 """
 
 from __future__ import annotations
@@ -25,23 +25,23 @@ from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, 
 from labyrinth_core.world.labyrinth import Labyrinth
 
 Place = tuple[int, int]
-"""The id of a labyrinth, and the number of a state in it as in `dynamics`."""
+"""The id of a labyrinth, and the index of a state in it as in `dynamics.state_index`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LabyrinthArrays:
     """L labyrinths of one size and task, and the S states that episodes in them can visit.
 
-    States that no episode reaches are left out: those behind the goal or ice, and those on the
-    door before it is open. Goal and ice are terminal states: every action in them leads back to
-    them with reward 0 and ends the episode, so that look-ups need no special case.
+    States that no episode reaches are left out: those behind the goal or ice, and those on a
+    closed door. Goal and ice are terminal states: every action in them leads back to them with
+    reward 0 and ends the episode, so that look-ups need no special case.
     """
 
     observations: NDArray[Any] | Looks
     """The observation of each state: uint8 (S, size, size, 3), int32 vectors (S, length), or texts
-    (S,). Pictures of more than a gigabyte are drawn whenever they are indexed by states."""
+    (S,). More than 1 GiB of pictures is not held, but drawn whenever states are indexed."""
     labyrinth: NDArray[np.int64]
-    """The number of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
+    """The index of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     position: NDArray[np.int64]
     """The agent's cell, shape (S,)."""
     terminal: NDArray[np.bool_]
@@ -55,7 +55,7 @@ class LabyrinthArrays:
     done: NDArray[np.bool_]
     """Whether each action ends the episode, on the goal or on ice, shape (S, 4)."""
     optimal: NDArray[np.bool_]
-    """Whether each action begins a shortest route, shape (S, 4); none does in goal and ice."""
+    """Whether each action begins a shortest route, shape (S, 4); all False in goal and ice."""
     demonstrated: NDArray[np.int64]
     """How often the episodes of the dataset take each action, shape (S, 4)."""
     initial: NDArray[np.int64]
@@ -63,13 +63,13 @@ class LabyrinthArrays:
     distance: NDArray[np.int64]
     """The number of moves on a shortest route, shape (L,)."""
     labyrinth_ids: NDArray[np.int64]
-    """The ids in the order of the dataset, shape (L,); elsewhere they are `f"{id:016x}"`."""
+    """The ids in the order of the dataset, shape (L,); files hold them as `f"{id:016x}"`."""
     routes: tuple[NDArray[np.int64], ...]
     """The actions of each episode of the dataset, in its order."""
     route_starts: NDArray[np.int64]
-    """The state in which each of these episodes begins, shape (episodes,).
+    """The state in which each episode of `routes` begins, shape (episodes,).
 
-    Pieces of routes begin anywhere."""
+    Pieces of routes may begin in any state."""
     labyrinths: tuple[Labyrinth, ...]
     """The L labyrinths."""
     spec: ObservationSpec
@@ -77,7 +77,7 @@ class LabyrinthArrays:
     cells: int
     """The number of cells of a labyrinth."""
     places: Mapping[Place, int]
-    """The number of the state in each place, in ascending order."""
+    """The index of the state in each place, in ascending order."""
 
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
@@ -98,14 +98,14 @@ def first_place(episode: LoadedEpisode) -> Place:
 
 
 def number_of(place: Place, places: Mapping[Place, int]) -> int:
-    """Return the number of the state in a place.
+    """Return the index of the state in a place.
 
     Raises:
-        DatasetError: No way leads there from the start.
+        DatasetError: The place cannot be reached from the start.
     """
     if place not in places:
         raise DatasetError(
-            f"labyrinth {place[0]:016x}: an episode begins off all ways of the agent"
+            f"labyrinth {place[0]:016x}: an episode begins where the agent cannot get"
         )
     return places[place]
 
@@ -130,14 +130,14 @@ def load_arrays(
         split: Name of the split, such as `train`.
         observation: "image", "vector" or "text".
         image_size: Pixels on each side of the pictures.
-        resize: How pictures become small; one of `labyrinth_core.data.observations.RESIZES`.
+        resize: How pictures are made smaller; one of `labyrinth_core.data.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
-        labyrinths: How many labyrinths, the first ones; see `load_episodes`, also for `where`.
+        labyrinths: Number of labyrinths, the first ones; see `load_episodes`, also for `where`.
         where: A filter of the table of labyrinths.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
-        DatasetError: There is no such dataset or split, or its rows do not make episodes.
+        DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     held: dict[int, Labyrinth] = {}
@@ -151,14 +151,14 @@ def load_arrays(
             place = ids[block.which[first]], int(block.states[first])
             episodes.append((place, rows.actions[first:last].copy()))
     if not held:
-        raise DatasetError(f"split={split}: there is no episode")
+        raise DatasetError(f"split={split} has no episodes")
     return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
 
 
 def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:
-    """Return labyrinths of one size and task as arrays, in which there are no demonstrations.
+    """Return labyrinths of one size and task as arrays, without demonstrations.
 
-    States are observed when they are indexed: of large labyrinths a policy sees few.
+    States are observed when they are indexed, since a policy sees few of those of large labyrinths.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
     return _stack(labyrinths, ids, [], spec, lambda views: Looks(spec, views))
@@ -207,7 +207,7 @@ def _stack(
 
 
 def _visitable(tables: Tables) -> list[int]:
-    """Return the numbers of the states that an episode can visit, in ascending order."""
+    """Return the indices of the states that an episode can visit, in ascending order."""
     transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
     found, queue = {tables.initial}, [tables.initial]
     for state in queue:
@@ -219,7 +219,7 @@ def _visitable(tables: Tables) -> list[int]:
 
 
 def _columns(tables: Tables, cells: int, states: list[int], first: int) -> dict[str, NDArray[Any]]:
-    """Return the arrays of one labyrinth, whose states have the numbers from `first` on."""
+    """Return the arrays of one labyrinth, whose states are numbered from `first` on."""
     place = np.full(len(tables.terminal), -1)
     place[states] = np.arange(first, first + len(states))
     after, ends = tables.transitions[states], tables.terminal[states, None]

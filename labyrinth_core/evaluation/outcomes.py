@@ -1,6 +1,6 @@
-"""Whether the outcomes in a file of results are possible, and whether its figures follow from them.
+"""Check that the outcomes in a results file are possible, and that its figures follow from them.
 
-A file may come from a stranger, so nothing in it is used before it is checked.
+The file may come from anyone, so nothing in it is used before it is checked.
 """
 
 from __future__ import annotations
@@ -20,21 +20,21 @@ from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.world.labyrinth import Task
 
 _EXACT = 1e-12
-"""The largest difference of two figures that are the same; another processor may round the last of
-their sixteen digits differently."""
+"""Figures that differ by no more than this are equal; another processor may round the last of their
+sixteen digits differently."""
 
 Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Rules:
-    """What holds for the episodes of an evaluation."""
+    """The rules that all episodes of an evaluation obey."""
 
     cells: int
     """The number of cells of a labyrinth."""
     task: Task
     looks_up: bool
-    """Whether the policy remembers nothing: an episode that comes to a state twice never ends."""
+    """Whether the policy remembers nothing: an episode that revisits a state never ends."""
     episodes: int
     """The number of episodes in each labyrinth."""
 
@@ -44,18 +44,18 @@ class Rules:
         size, _, task = config.partition("-")
         height, width = parse_size(size)
         if size != f"{height}x{width}" or task not in ("", *map(str, Task)) or task == "navigation":
-            raise ValueError(f"config={config}: there is none of this name")
+            raise ValueError(f"config={config}: there is no such config")
         if way == "look-ups" and episodes != 1:
-            raise ValueError(f"episodes={episodes}: a policy has one in each labyrinth by look-ups")
+            raise ValueError(f"episodes={episodes}: look-ups give one episode in each labyrinth")
         if episodes > MOST_EPISODES:
             raise ValueError(
-                f"episodes={episodes}: {MOST_EPISODES:,} in each labyrinth are the most"
+                f"episodes={episodes}: at most {MOST_EPISODES:,} in each labyrinth are allowed"
             )
         return cls(height * width, Task(task or "navigation"), way == "look-ups", episodes)
 
     @property
     def states(self) -> int:
-        """The largest number of states of a labyrinth: without key, with it, the door open."""
+        """The largest number of states of a labyrinth: without the key, with it, and door open."""
         return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
 
 
@@ -64,11 +64,11 @@ def scores_of(split: str, content: Mapping[str, Any], rules: Rules) -> Scores:
 
     Args:
         split: The name of the split.
-        content: The description of the split in the file, of the right shape.
-        rules: What holds for its episodes.
+        content: The split's part of the file, of the right shape.
+        rules: The rules of its episodes.
 
     Raises:
-        ValueError: Something is impossible, or a figure does not follow; the message says what.
+        ValueError: An outcome is impossible, or a figure does not follow; the message names it.
     """
     refuse(split, _miscounted(content, rules.episodes))
     episodes = Episodes.of_letters(content["outcomes"], content["moves"], rules.cells)
@@ -86,14 +86,14 @@ def scores_of(split: str, content: Mapping[str, Any], rules: Rules) -> Scores:
 
 
 def refuse(split: str, problems: Iterator[str]) -> None:
-    """Raise a ValueError for the first problem, if there is one."""
+    """Raise ValueError for the first problem, if any."""
     problem = next(problems, None)
     if problem is not None:
         raise ValueError(f"{split}: {problem}")
 
 
 def _miscounted(content: Mapping[str, Any], episodes: int) -> Iterator[str]:
-    """Yield what there is too much or too little of."""
+    """Yield each list of the wrong length, and a duplicate labyrinth."""
     ids = content["labyrinth_ids"]
     for name in ("outcomes", "moves"):
         if len(content[name]) != episodes:
@@ -105,11 +105,11 @@ def _miscounted(content: Mapping[str, Any], episodes: int) -> Iterator[str]:
             yield f"{name} are of {len(part)} labyrinths, not {content['labyrinths']}"
     if len(set(ids)) < len(ids):
         twice, _ = Counter(ids).most_common(1)[0]
-        yield f"labyrinth {twice} is there twice"
+        yield f"labyrinth {twice} is listed twice"
 
 
 def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Iterator[str]:
-    """Yield what cannot be, whatever the policy."""
+    """Yield each outcome that is impossible for any policy."""
     episodes, distance = scores.episodes, scores.distance
     limit, moves, solved = episodes.step_limit, episodes.moves, episodes.solved
     if content["step_limit"] != limit:
@@ -118,14 +118,14 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
     ended, most = solved | iced, rules.states - 1
     for name in ACCURACIES:
         if content[name] is not None and not rules.looks_up:
-            yield f"{name} is {content[name]}, which a policy has by look-ups alone"
+            yield f"{name} is {content[name]}, which only look-ups can give"
     detour = moves - distance
     cases: list[tuple[Bools, str]] = [
         (np.broadcast_to(distance > most, moves.shape), f"a shortest route of more than {most}"),
         (moves > limit, f"more moves than the limit of {limit}"),
         (solved & (moves < distance), "a solution of fewer moves than a shortest route"),
         (~ended & (moves != limit), f"a failure before the limit of {limit} moves"),
-        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task has not"),
+        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task does not have"),
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
         (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]
@@ -133,11 +133,11 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
 
 
 def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str]:
-    """Yield for each impossible case the first episode that is one.
+    """Yield a message for each impossible case that occurs, about its first episode.
 
     Args:
         scores: The scores.
-        cases: Which episodes are such a case, shape (E, L), and what they have.
+        cases: Masks of the episodes, shape (E, L), and what is impossible about them.
     """
     episodes = scores.episodes
     for wrong, what in cases:
@@ -156,7 +156,7 @@ def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str
 
 
 def _other_figures(content: Mapping[str, Any], scores: Scores) -> Iterator[str]:
-    """Yield the figures that do not follow from the outcomes."""
+    """Yield each figure that does not follow from the outcomes."""
     for name, right in scores.figures().items():
         if not _equal(content[name], right):
             yield f"{name} is {content[name]!r:.60}, but {right} follows from the outcomes"

@@ -1,6 +1,6 @@
-"""Episodes in `LabyrinthArrays`: one loop, `play`, in which all agents take a step at a time.
+"""Play episodes in `LabyrinthArrays`: one loop, `play`, moves all agents one step at a time.
 
-Everything that acts goes through it: policies with memory and without, the baselines, and trials in
+All acting goes through it: policies with memory and without, the baselines, and the attempts during
 training.
 """
 
@@ -34,18 +34,18 @@ OUTCOMES = {
 """Outcome of an episode -> what happens."""
 
 SEEN_TOGETHER = 256
-"""The largest number of states that a policy sees at once; a ResNet-18 takes a megabyte each."""
+"""The largest number of states that a policy sees at once; a ResNet-18 takes 1 MB for each."""
 
 TOGETHER = 1024
-"""The largest number of episodes in which a policy that may remember acts at once."""
+"""The largest number of episodes that a policy with memory plays at once."""
 
 Choose = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
-"""From the state of each of N agents, and the M agents that still act, to the M actions."""
+"""Maps the states of all N agents and the M agents that still act to the M actions."""
 
 
 @dataclass(frozen=True, eq=False)
 class Episodes:
-    """The results of one episode in each of L labyrinths, or of E; then shapes are (E, L)."""
+    """The results of one episode in each of L labyrinths; shapes are (E, L) for E episodes each."""
 
     outcomes: NDArray[np.str_]
     """Keys of `OUTCOMES`, shape (L,)."""
@@ -58,14 +58,14 @@ class Episodes:
     def of_letters(
         cls, letters: Sequence[str], moves: Sequence[Sequence[int]], cells: int
     ) -> Episodes:
-        """Return E episodes in each of L labyrinths, of E texts such as `letters` returns."""
+        """Return E episodes in each of L labyrinths, from E texts as `letters` returns them."""
         names = {name[0]: name for name in OUTCOMES}
         outcomes = np.array([[names[letter] for letter in row] for row in letters])
         return cls(outcomes, np.array(moves, np.int64), cells)
 
     @property
     def letters(self) -> list[str]:
-        """A text for each of E episodes: of each labyrinth the first letter of its outcome."""
+        """One text per episode E: the first letter of the outcome in each labyrinth."""
         return ["".join(name[0] for name in row) for row in np.atleast_2d(self.outcomes).tolist()]
 
     @property
@@ -107,11 +107,11 @@ def play(
         start: The state in which each of N agents begins, shape (N,), no two in one labyrinth;
             None for the initial state of every labyrinth.
         limit: The number of steps after which an episode is cut; None for the step limit.
-        visits: An episode is over, and counts like one that was cut, where its agent comes to a
-            state in which it has acted that often: 1 for a policy without memory, which repeats
-            itself from there on. None to go on.
-        remembered: Returns all that a policy remembers, a row for each agent. An episode is over,
-            too, where state and memory are as they were before.
+        visits: An episode ends, and counts as cut, when its agent reaches a state in which it has
+            acted that often: 1 for a policy without memory, which would repeat itself. None to
+            play on.
+        remembered: Returns all that a policy remembers, a row for each agent. An episode also ends
+            when state and memory are the same as before.
     """
     state = (arrays.initial if start is None else start).copy()
     limit = arrays.step_limit if limit is None else limit
@@ -137,25 +137,25 @@ def play(
             held = memory_of(remembered, len(state))
             situations = [(each, state[each], held[each].tobytes()) for each in running.tolist()]
             begun = np.array([first.setdefault(each, step) for each in situations], np.int64)
-            # What has happened since then will happen again and again, until the end.
+            # Whatever has happened since then repeats until the end.
             moved[running[(begun < step) & (moved[running] > begun)]] = limit
             running = running[begun == step]
         if not running.size:
             break
-    # An agent that stays somewhere without memory has come there within as many steps as there
-    # are states, long before half of the steps are over.
+    # An agent without memory that stays in a state reached it within as many steps as there are
+    # states, long before half of the steps are over.
     ends = [arrays.goal[state], arrays.terminal[state], moved < arrays.step_limit / 2]
     return Episodes(np.select(ends, ["solved", "ice", "wall"], "loop"), moves, arrays.cells)
 
 
-# Policies that remember nothing.
+# Policies without memory.
 
 
 def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
     """Return the action of a policy in each state, shape (S,); 0 in terminal states.
 
     Raises:
-        PolicyError: It raises an error, or answers with anything but actions.
+        PolicyError: The policy raises an error, or answers with anything but actions.
     """
     actions = np.zeros(len(arrays.terminal), np.int64)
     acting = np.flatnonzero(~arrays.terminal)
@@ -166,20 +166,20 @@ def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]
 def _decisions(
     policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
 ) -> NDArray[np.int64]:
-    """Return the action of a policy in each of some states, at least one."""
+    """Return the action of a policy in each of the states; at least one is given."""
     parts = [states[begin:][:SEEN_TOGETHER] for begin in range(0, len(states), SEEN_TOGETHER)]
     return np.concatenate([decide(policy, arrays.observations[part]) for part in parts])
 
 
 def follow(arrays: LabyrinthArrays, actions: NDArray[np.int64]) -> Episodes:
-    """Return the results of the episodes of a policy with one action a state, shape (S,)."""
+    """Return the results of a policy's episodes, given its action in each state, shape (S,)."""
     return play(arrays, lambda state, running: actions[state[running]], visits=1)
 
 
 def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
-    """Return the results of the episodes in which the agent takes one route in every labyrinth.
+    """Return the results of taking the same route in every labyrinth.
 
-    After the last action it stays where it is until the episode is cut.
+    After the last action the agent stays where it is until the episode is cut.
     """
     steps = iter(route)
     walked = play(arrays, lambda _, running: np.full(len(running), next(steps)), limit=len(route))
@@ -192,15 +192,15 @@ def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
 
 
 def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
-    """Return which labyrinths a policy, acting greedily, solves, shape (L,).
+    """Return which labyrinths a policy solves when acting greedily, shape (L,).
 
-    The policy is asked only in the states that it visits, at 5x5 about a third of all.
+    The policy is called only for the states that it visits, at 5x5 about a third of all.
     """
     return _visit(policy, arrays).solved
 
 
 def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None = None) -> Episodes:
-    """Return the results of the episodes of a policy that is asked only in states it visits."""
+    """Return the results of a policy's episodes; it is called only for states that it visits."""
 
     def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
         return _decisions(policy, arrays, state[running])
@@ -209,7 +209,7 @@ def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None = None) ->
 
 
 def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy, acting greedily, solves; see `solved_by`."""
+    """Return the share of labyrinths that a policy solves when acting greedily; see `solved_by`."""
     return float(solved_by(policy, arrays).mean())
 
 
@@ -221,7 +221,7 @@ def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
 
     Args:
         player: The policy.
-        arrays: The labyrinths, in all of which it acts at once.
+        arrays: The labyrinths, in which it acts all at once.
         limit: The number of steps after which an episode is cut.
 
     Raises:
@@ -236,13 +236,13 @@ def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
 def step_through(
     player: Player, arrays: LabyrinthArrays, episodes: int, together: int = TOGETHER
 ) -> Episodes:
-    """Return the results of some episodes in each of L labyrinths, shape (episodes, L).
+    """Return the results of `episodes` episodes in each of L labyrinths, shape (episodes, L).
 
     Args:
-        player: The policy. If it remembers, it is still shown the episodes that are over, as they
-            ended, and what it answers there is not looked at.
+        player: The policy. If it remembers, it is still shown the final states of finished
+            episodes, and its answers there are ignored.
         arrays: The labyrinths.
-        episodes: The number of episodes in each.
+        episodes: The number of episodes in each labyrinth.
         together: The largest number of labyrinths in which it acts at once.
 
     Raises:
@@ -268,7 +268,7 @@ def step_through(
 
 
 def attempts(player: Player, arrays: LabyrinthArrays, which: Sequence[int]) -> list[Episode]:
-    """Return the episode in each of some labyrinths, cut after as many steps as there are cells.
+    """Return one episode in each of the labyrinths `which`, cut after as many steps as cells.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
@@ -290,7 +290,7 @@ def attempts(player: Player, arrays: LabyrinthArrays, which: Sequence[int]) -> l
 
 
 def _begun(player: Player, arrays: LabyrinthArrays, count: int) -> Choose:
-    """Return how a policy acts in `count` episodes, which it is told to begin."""
+    """Begin `count` episodes, and return the function with which the policy acts in them."""
     if player.reset is None:
         return lambda state, running: decide(player.act, arrays.observations[state[running]])
     asked(player.reset, count)

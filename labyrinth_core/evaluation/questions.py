@@ -1,7 +1,7 @@
-"""Questions for models that see or read: a labyrinth as picture and as text, and its routes.
+"""Questions for vision and language models: a labyrinth as picture and text, and its routes.
 
 A dataset's questions are a config beside it, such as `5x5-questions`, with one row for each
-labyrinth of test and of each shift. The stage `questions` writes them; `question` makes one.
+labyrinth of test and of each shift. The stage `questions` writes all; `question` makes one.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.solver import moves_and_routes, shortest_routes
 
 NOT_ASKED = ("train", "validation", "random")
-"""The splits to learn from, and to choose a model with."""
+"""The splits for training and model selection, which have no questions."""
 SMALL_PICTURE = 300
 MOST_ROUTES = 1_000
-"""The most shortest routes of a labyrinth that is asked about; 5x5 without walls has 70."""
+"""The most shortest routes that a question may have; 5x5 without walls has 70."""
 
 
 QUESTION_COLUMNS = (
@@ -79,20 +79,20 @@ _RECOLOURED = {
 
 
 def questions_config(config: str) -> str:
-    """Return the name of the questions of a config, such as `5x5-questions`, also on the Hub."""
+    """Return the config name of a dataset's questions, here and on the Hub: `5x5-questions`."""
     return f"{config}-{QUESTIONS}"
 
 
 def question_splits(config: DatasetConfig) -> tuple[str, ...]:
-    """Return the splits of a dataset whose labyrinths are asked about: test and the shifts."""
+    """Return the splits of a dataset that have questions: test and the shifts."""
     return tuple(split for split in config.splits if split not in NOT_ASKED)
 
 
 def question(labyrinth: Labyrinth) -> dict[str, Any]:
     """Return the question about a labyrinth, with the values of `QUESTION_COLUMNS` by name.
 
-    `image` and `image_300` are dictionaries of `bytes`, a PNG file, and `path`, its name, as the
-    library `datasets` has pictures that are not decoded. Episodes begin on the start, whatever the
+    `image` and `image_300` are dictionaries of `bytes`, a PNG file, and `path`, its name: the form
+    of undecoded pictures in the library `datasets`. The agent begins on the start, whatever the
     labyrinth says.
 
     Raises:
@@ -101,8 +101,8 @@ def question(labyrinth: Labyrinth) -> dict[str, Any]:
     """
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         raise ValueError(
-            f"task={labyrinth.task}: no question shows the way, as the agent does not see it; "
-            "choose another task"
+            f"task={labyrinth.task}: most of the labyrinth is hidden from the agent, so "
+            "no question can be asked; choose another task"
         )
     moves, count = moves_and_routes(labyrinth)
     info = dump(labyrinth)
@@ -134,7 +134,7 @@ def question(labyrinth: Labyrinth) -> dict[str, Any]:
 
 
 def _prompt(labyrinth: Labyrinth, shown: str, names: Mapping[str, str], drawing: str = "") -> str:
-    """Return a question, given how it is shown and what agent, goal and tiles are called."""
+    """Return the text of a question; `names` says how agent, goal and tiles are shown."""
     structure = labyrinth.structure
     size = f"{structure.height} rows and {structure.width} columns of cells"
     rule = _RULES.get(labyrinth.task, "").format(**names)

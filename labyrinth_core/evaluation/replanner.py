@@ -1,9 +1,9 @@
-"""The best that memory can do where not all is seen: planning anew after each step.
+"""A baseline for partial observability: an optimistic planner that replans after each step.
 
-Under partial observability a shortest route needs what is out of sight. The optimistic planner
-takes every passage that it has not seen closed for open, plans a shortest route, takes its first
-step, and plans again (the free-space assumption; Koenig and Likhachev 2002, "D* Lite", whose
-incremental search finds the same routes as the plain search here).
+A shortest route may depend on what is out of sight. The planner takes every passage that it has
+not seen closed for open, plans a shortest route, takes its first step, and plans again (the
+free-space assumption; Koenig and Likhachev 2002, "D* Lite", whose incremental search finds the same
+routes as the plain search here).
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class Replanner:
 
         evaluate(Replanner(5, 5), "data/labyrinth", "5x5-partial_observability")
 
-    Without memory it knows what it sees and no more, and `act` alone is a policy.
+    Without memory it knows only what it sees, and `act` alone is a policy.
     """
 
     observation = "vector"
@@ -50,14 +50,14 @@ class Replanner:
         """Return the planner for labyrinths of another size.
 
         Raises:
-            PolicyError: Vectors of the task have other positions.
+            PolicyError: The task's vectors have another layout.
         """
         if tile_count(task) != tile_count(Task.PARTIAL_OBSERVABILITY):
-            raise PolicyError(f"the replanner looks at vectors without key and door, not of {task}")
+            raise PolicyError(f"the replanner needs vectors without key and door, not of {task}")
         return Replanner(height, width, memory=self.memory)
 
     def reset(self, count: int) -> None:
-        """Begin `count` episodes, of which nothing is known."""
+        """Begin `count` episodes with an empty memory."""
         self._walls = np.zeros((count, *self._passages.shape), np.bool_)
 
     def act(self, observations: NDArray[np.int32]) -> NDArray[np.int64]:
@@ -74,7 +74,7 @@ class Replanner:
         return actions
 
     def _seen_walls(self, shown: NDArray[np.bool_], agents: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return which walls are walls, and not merely out of sight, shape (B, cells, 4)."""
+        """Return which walls are seen, and are not only out of sight, shape (B, cells, 4)."""
         count, cells, _ = shown.shape
         first = cells * np.arange(count)
         moves = np.where(shown, np.arange(cells)[:, None], self._neighbours)
@@ -97,7 +97,7 @@ class Replanner:
 
 
 def replan(arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
-    """Return the figures of the replanner with memory and without, on a split seen as vectors."""
+    """Return the figures of the replanner with and without memory, on a split seen as vectors."""
     structure = arrays.labyrinths[0].structure
     with_memory, without = (
         Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)

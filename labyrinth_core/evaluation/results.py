@@ -1,4 +1,4 @@
-"""The results of a policy on the splits of a dataset: printed as a table, kept as JSON."""
+"""The results of a policy on the splits of a dataset: printed as tables, saved as JSON."""
 
 from __future__ import annotations
 
@@ -34,30 +34,30 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
-"""The name of the file that the stage `evaluate` leaves."""
+"""The name of the file that the stage `evaluate` writes."""
 
 LARGEST = 1 << 28
-"""The most bytes of a file that is read; five splits of 100,000 labyrinths have 16 million."""
+"""The largest file that is read, in bytes; five splits of 100,000 labyrinths take 16 million."""
 
 COLUMNS = 80
-"""The width of a terminal, in which tables and legends fit."""
+"""The width of tables and legends, which fits a terminal."""
 
 HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
 LEGEND = (
     fill(" ".join(WHY_SPL.split()), COLUMNS),
-    "n x n: SR within as many steps as there are cells. 95%: the interval of SR.\n"
-    "known, new: SR where train demonstrates an optimal route, and where not.\n"
-    "All in percent, but AER and the number of failures by kind (loop, wall, ice).\n"
-    "Beside the failures: SPL/SR of what needs no learning; the optimum is 100/100.",
+    "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
+    "known, new: SR where train demonstrates an optimal route, and where it does not.\n"
+    "All in percent, except AER and the counts of failures by kind (loop, wall, ice).\n"
+    "Beside the failures: SPL/SR of baselines without learning; optimum: 100/100.",
 )
 REPLANNER_LEGEND = """\
-replanner: planning anew after each step, with all that is out of sight taken
-for open; with memory, and without."""
+replanner: replans after each step and assumes that unseen passages are open;
+with memory, and without."""
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """What a policy achieves on the splits of a dataset."""
+    """The results of a policy on the splits of a dataset."""
 
     dataset: str
     """The folder, or the id on the Hub."""
@@ -70,20 +70,20 @@ class Results:
     image_size: int | None
     """Pixels on each side of a picture; None for other observations."""
     way: str
-    """`look-ups` for a policy that remembers nothing, `steps` in lock-step for any other."""
+    """`look-ups` for a policy that remembers nothing, `steps` (in lock-step) for any other."""
     episodes: int
     """The number of episodes in each labyrinth."""
     seed: int
-    """What settles the generator that a policy may take."""
+    """The seed of the generator that a policy may take."""
     splits: Mapping[str, Scores]
     """The scores on each split."""
     baselines: Mapping[str, Mapping[str, Mapping[str, float]]]
-    """The figures of what needs no learning, by name and split; under partial observability also
-    of the replanner with memory and without."""
+    """The figures of the baselines, by name and split; under partial observability also those of
+    the replanner with memory and without."""
     version: str = __version__
     """The version of this package that evaluated it."""
     run: TrainedRun | None = None
-    """The run of `stages=train` that made the policy; None for any other policy."""
+    """The run of `stages=train` that made the policy; None for other policies."""
     method: Description | None = None
     """The description of the policy in the file that was read; None for new results."""
     judged: Judgement | None = None
@@ -117,7 +117,7 @@ class Results:
         if self.image_size is not None:
             shown += f" of {self.image_size} x {self.image_size}"
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        return f"{self.config} of {self.dataset}\n{shown}, {count} a labyrinth, by {self.way}"
+        return f"{self.config} of {self.dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,
@@ -132,18 +132,18 @@ class Results:
     ) -> None:
         """Write the results as JSON, whole or not at all.
 
-        Each labyrinth is listed with the outcome and the moves of its episodes, from which all
+        The file lists the outcome and the moves of each episode in each labyrinth, from which all
         figures follow. `docs/evaluation.md` describes the format.
 
         Args:
-            path: The file; its folder is made.
+            path: The file; its folder is created if necessary.
             name: What the policy is called in tables.
             author: Who made it.
             url: Where it is described, as `https://...`.
-            date: When it was evaluated, as `2026-11-30`; no clock is asked.
+            date: When it was evaluated, as `2026-11-30`; not filled in automatically.
             budget: What it has learnt from, such as "100 demonstrations of train".
-            details: The same in numbers: `labyrinths` that it has learnt from, `steps` in
-                environments, `parameters`; each may be left out.
+            details: Numbers, each optional: `labyrinths` that it has learnt from, `steps` in
+                environments, `parameters`.
 
         Raises:
             ValueError: The name is empty, or another argument has a value that is not allowed.
@@ -154,27 +154,27 @@ class Results:
         write_text(place, text)
 
     def to_text(self, about: Description) -> str:
-        """Return the content of the file that `save` writes; raise ValueError as it does."""
+        """Return the content of the file that `save` writes; raise ValueError like `save`."""
         content = self.to_json(about)
-        rules_of(content)  # What could not be read again is not written.
+        rules_of(content)  # A file that could not be read again is not written.
         return _as_text(content)
 
     @classmethod
     def load(
         cls, path: str | Path, datasets: Callable[[str], KnownDataset | None] | None = None
     ) -> Results:
-        """Return the results in a file that `save` wrote, which may come from a stranger.
+        """Return the results in a file that `save` wrote; the file need not be trusted.
 
-        Every figure but accuracies and baselines is computed again from the outcomes. If the
-        dataset is known, all that it settles is checked, too.
+        All figures but accuracies and baselines are recomputed from the outcomes. If the dataset
+        is known, everything that follows from it is checked, too.
 
         Args:
             path: The file.
             datasets: Returns the dataset of a config, such as `5x5`; None if it is not available.
-                One with another fingerprint than the results have is not compared.
+                A dataset with another fingerprint than the results is not compared.
 
         Raises:
-            DatasetError: The file cannot be read, or does not add up; the message has one line.
+            DatasetError: The file cannot be read or is inconsistent; the message has one line.
         """
         place = Path(path).expanduser()
         try:
@@ -190,9 +190,9 @@ class Results:
     def from_json(
         cls, content: Any, datasets: Callable[[str], KnownDataset | None] | None = None
     ) -> Results:
-        """Return the results that `to_json` described; ValueError if it did not.
+        """Return the results from the form of `to_json`; raise ValueError for anything else.
 
-        For `datasets` see `load`. What is cheap to check is checked first.
+        For `datasets` see `load`. Cheap checks come first.
         """
         rules = rules_of(content)
         about = content["dataset"]
@@ -230,15 +230,15 @@ class Results:
         return found
 
     def require_dataset(self, known: KnownDataset) -> None:
-        """Raise a ValueError if the results are of another dataset."""
+        """Raise ValueError if the results are of another dataset."""
         if self.fingerprint != known.fingerprint:
             raise ValueError(
                 f"it is of another dataset than {known.place}: their fingerprints are "
-                f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= names another one)"
+                f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= chooses another)"
             )
 
     def _compare_with(self, known: KnownDataset) -> None:
-        """Check all that the dataset settles: labyrinths, known routes, outcomes, baselines."""
+        """Check what follows from the dataset: labyrinths, known routes, outcomes, baselines."""
         run = self.run
         if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(
@@ -273,7 +273,7 @@ class Results:
 
 
 def _described(scores: Scores) -> dict[str, Any]:
-    """Return the figures, and what they follow from: each episode in each labyrinth."""
+    """Return the figures and the data behind them: each episode in each labyrinth."""
     return scores.figures() | {
         "labyrinth_ids": [f"{number:016x}" for number in scores.labyrinth_ids.tolist()],
         "distance": scores.distance.tolist(),
@@ -301,9 +301,9 @@ def _pair(figures: Mapping[str, float]) -> str:
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
-    """Return the lines of a table: the first column to the left, the others to the right.
+    """Return the lines of a table, with the first column left-aligned and the others right-aligned.
 
-    Columns that do not fit in `COLUMNS` go below, beside the first column once more.
+    Columns that exceed the width `COLUMNS` continue below, beside a copy of the first column.
     """
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     blocks: list[list[int]] = [[]]
@@ -340,5 +340,5 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
 
 def results_in(run_dir: Path) -> list[Path]:
-    """Return the files of results in the folders of a folder of runs, except hidden folders."""
+    """Return the results files of all runs in a folder of runs; hidden folders are skipped."""
     return sorted(run_dir.glob(f"[!.]*/[!.]*/{RESULTS}"))

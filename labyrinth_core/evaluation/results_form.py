@@ -1,4 +1,4 @@
-"""The form of a file of results: which fields it has, and which values each may have."""
+"""The form of a results file: its fields and their allowed values."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ DERIVED = (
     *("sr_known_route", "sr_new_route", "sr_interval", "aer_interval", "path_efficiency"),
     "failures",
 )
-"""The figures of a policy that are computed again, whatever a file says."""
+"""The figures of a policy that are recomputed, whatever the file says."""
 
 EVALUATED = {
     "observation": Text("image|vector|text"),
@@ -131,12 +131,12 @@ JUDGEMENT = {
 
 
 def taken(content: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
-    """Return what content says under some names; what else it says is left out."""
+    """Return the entries of `content` with these names; all others are left out."""
     return {name: content[name] for name in names}
 
 
 def rules_of(content: Any) -> Rules:
-    """Return what holds for the episodes of a file, after checking the form of the file.
+    """Return the rules for the episodes of a results file, after checking its form.
 
     Raises:
         ValueError: Something is missing or has a value that is not allowed.

@@ -1,7 +1,7 @@
-"""What JSON from a file has to look like, declared as values, and checked in one place.
+"""Shapes that JSON from a file must match, declared as values and checked in one place.
 
-A shape is one of those below; or a dict, for an object with at least these names; a tuple, for a
-list with one shape for each item; None, for anything; or else the very value that has to be there.
+A shape is one of the classes below; a dict, for an object with at least these keys; a tuple, for a
+list with one shape per item; None, for anything; or any other value, for exactly that value.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 _MOST = 1e15
-"""No number of ours is larger, and the page of the report holds this one exactly."""
+"""No number in our files is larger; JavaScript, on the report's page, holds it exactly."""
 
 
 @dataclass(frozen=True)
@@ -26,14 +26,14 @@ class Number:
 
 @dataclass(frozen=True)
 class Text:
-    """A text that a regular expression matches as a whole."""
+    """A string that fully matches a regular expression."""
 
     like: str
 
 
 @dataclass(frozen=True)
 class Maybe:
-    """Null, or what has a shape."""
+    """Null, or a value that matches `of`."""
 
     of: Any
 
@@ -47,7 +47,7 @@ class OneOf:
 
 @dataclass(frozen=True)
 class Each:
-    """A list, each item of which has a shape."""
+    """A list whose items all match `of`."""
 
     of: Any
     most: int | None = None
@@ -56,15 +56,15 @@ class Each:
 
 @dataclass(frozen=True)
 class Exactly:
-    """An object with these names and no others."""
+    """An object with exactly these keys."""
 
     of: Mapping[str, Any]
-    """Name -> shape of what it names."""
+    """Key -> shape of its value."""
 
 
 @dataclass(frozen=True)
 class Named:
-    """An object with any number of names, which have a shape, as what they name has."""
+    """An object with any number of keys, which match `name`, and values, which match `of`."""
 
     name: Any
     of: Any
@@ -79,7 +79,7 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
     """Check that a value from JSON has a shape.
 
     Raises:
-        ValueError: It has not; the message says what is where, and what has to be there.
+        ValueError: It does not match; the message gives the place, the value and what is allowed.
     """
     wanted = _unmet(value, shape)
     if wanted is not None:
@@ -91,7 +91,7 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
         for number, (item, of) in enumerate(zip(value, shape, strict=True)):
             check_shape(item, of, f"{place}[{number}]")
     elif isinstance(shape, Each):
-        whole = isinstance(shape.of, Number | Text)  # Which need no look inside.
+        whole = isinstance(shape.of, Number | Text)  # These have no items of their own to check.
         for number, item in enumerate(value):
             if not whole or _unmet(item, shape.of) is not None:
                 check_shape(item, shape.of, f"{place}[{number}]")
@@ -104,7 +104,7 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
 
 
 def _unmet(value: Any, shape: Any) -> str | None:
-    """Return what a value has to be and is not, whatever it holds; None if it is."""
+    """Return what a value should be, without a look at its items; None if it matches."""
     if shape is None or isinstance(shape, Maybe):
         return None
     if isinstance(shape, OneOf):

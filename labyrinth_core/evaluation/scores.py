@@ -1,4 +1,4 @@
-"""The scores of a policy on a split: the results of its episodes, and the figures that follow."""
+"""The scores of a policy on a split: the results of its episodes, and the resulting figures."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, follow, greedy_actions
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
-"""The splits that a policy is evaluated on."""
+"""The splits on which a trained policy is evaluated."""
 
 WHY_SPL = """\
 SPL (success weighted by path length) comes before SR (success rate), because SR rewards wandering:
 40 steps a cell are so many that random steps solve most labyrinths."""
-"""The sentence that stands beside every table of scores."""
+"""The sentence printed with every table of scores."""
 
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 """The shares of optimal actions; see `Scores`."""
@@ -27,26 +27,26 @@ ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 
 @dataclass(frozen=True, eq=False)
 class Scores:
-    """The results of episodes in each of L labyrinths, and the accuracy in all their states."""
+    """The results of episodes in each of L labyrinths, and the accuracy over all their states."""
 
     episodes: Episodes
-    """Of shape (L,), or (E, L) for E episodes in each."""
+    """The results, of shape (L,), or (E, L) for E episodes in each labyrinth."""
     labyrinth_ids: NDArray[np.int64]
     """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
     """The number of moves on a shortest route, shape (L,)."""
     accuracy_on_demonstrations: float | None = None
-    """The share of optimal actions in the states in which the dataset's episodes act; None for a
-    policy that remembers or draws at random, whose action does not follow from the state."""
+    """The share of optimal actions in the states where the dataset's episodes act; None for a
+    policy with memory or random draws, whose action does not depend on the state alone."""
     accuracy_elsewhere: float | None = None
-    """The share of optimal actions in the other states; None if there are none."""
+    """The share of optimal actions in all other states; None if there are no such states."""
     known_route: NDArray[np.bool_] | None = None
-    """Whether train demonstrates an optimal route of each labyrinth, shape (L,), as `references`
-    says; None if it is not known."""
+    """Whether train demonstrates an optimal route of each labyrinth, shape (L,), as computed by
+    `TrainMemory.figures`; None if unknown."""
 
     @classmethod
     def of(cls, episodes: Episodes, arrays: LabyrinthArrays) -> Scores:
-        """Return the scores of episodes in the labyrinths of a split, whatever acted in them."""
+        """Return the scores of any policy's episodes in the labyrinths of a split."""
         return cls(episodes, arrays.labyrinth_ids, arrays.distance)
 
     @property
@@ -56,9 +56,9 @@ class Scores:
 
     @property
     def sr_within_cells(self) -> float:
-        """Success rate within as many steps as a labyrinth has cells, which leaves chance little.
+        """Success rate within as many steps as a labyrinth has cells.
 
-        With the step limit of the benchmark, 40 steps a cell, random actions solve most.
+        With the benchmark's limit of 40 steps per cell, random actions solve most labyrinths.
         """
         episodes = self.episodes
         return float((episodes.solved & (episodes.moves <= episodes.cells)).mean())
@@ -67,25 +67,25 @@ class Scores:
     def spl(self) -> float:
         """Success weighted by path length (Anderson et al. 2018, section 4.1, "SPL").
 
-        For a solved episode moves on a shortest route divided by moves taken, else 0; averaged.
+        The mean over episodes of shortest moves divided by moves taken, or 0 if unsolved.
         """
         return float(self.weighted.mean())
 
     @property
     def weighted(self) -> NDArray[np.float64]:
-        """What each episode adds to `spl`, shape (L,)."""
+        """Each episode's contribution to the mean `spl`, shape (L,)."""
         weighted: NDArray[np.float64] = self.episodes.solved * self.distance / self.episodes.moves
         return weighted
 
     @property
     def sr_known_route(self) -> float | None:
-        """Success rate where train demonstrates an optimal route; None if there is no such."""
+        """Success rate where train demonstrates an optimal route; None without such labyrinths."""
         known = self.known_route
         return None if known is None else _mean(self.episodes.solved[..., known])
 
     @property
     def sr_new_route(self) -> float | None:
-        """Success rate where train demonstrates no optimal route; None if there is no such."""
+        """Success rate where train demonstrates no optimal route; None without such labyrinths."""
         known = self.known_route
         return None if known is None else _mean(self.episodes.solved[..., ~known])
 
@@ -100,7 +100,7 @@ class Scores:
         return _mean((self.distance / self.episodes.moves)[self.episodes.solved])
 
     def summary(self) -> dict[str, float]:
-        """Return the figures that baselines have, too."""
+        """Return the figures that baselines have as well."""
         return {
             "sr": self.sr,
             "sr_within_cells": self.sr_within_cells,
@@ -117,7 +117,7 @@ class Scores:
 
     @property
     def by_distance(self) -> dict[int, tuple[int, int]]:
-        """Moves on a shortest route -> episodes that succeed, and all, in such labyrinths."""
+        """Moves on a shortest route -> successful episodes and all episodes in such labyrinths."""
         solved = np.atleast_2d(self.episodes.solved)
         return {
             moves: (int(solved[:, at].sum()), int(solved[:, at].size))
@@ -128,7 +128,7 @@ class Scores:
     def figures(self) -> dict[str, Any]:
         """Return the figures in plain types; intervals are over labyrinths and episodes.
 
-        `known_route` has 1 for each labyrinth of which train demonstrates an optimal route, else 0.
+        `known_route` has 1 for each labyrinth with an optimal route demonstrated in train, else 0.
         """
         known, episodes = self.known_route, self.episodes
         return {
@@ -151,10 +151,10 @@ class Scores:
 
 
 def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores of a policy that remembers nothing, by look-ups in all states at once.
+    """Return the scores of a policy without memory, by look-ups in all states at once.
 
     Raises:
-        PolicyError: It raises an error, or answers with anything but actions.
+        PolicyError: The policy raises an error, or answers with anything but actions.
     """
     actions = greedy_actions(policy, arrays)
     right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]

@@ -1,6 +1,6 @@
-"""What a written route comes to: its moves are read from an answer and replayed.
+"""Score a written route: read the moves from an answer and replay them.
 
-Every shortest route counts the same, since no answer is compared with another.
+All shortest routes score the same, since an answer is not compared with a reference answer.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from labyrinth_core.world.solver import moves_of
 _MARK = re.compile(r"answer[\s*_]{0,9}:", re.IGNORECASE)
 _WORD = re.compile(r"[^\W\d_]+")
 _MOVES = {action.name.lower(): action for action in Action} | {a.name[0]: a for a in Action}
-"""A word in small letters, or a capital letter -> the move."""
+"""A lower-case word, or a capital letter -> the move."""
 _BETWEEN = ("and", "then")
 
 
 @dataclass(frozen=True)
 class RouteScore:
-    """What an answer comes to in a labyrinth."""
+    """The score of an answer in a labyrinth."""
 
     moves: tuple[Action, ...]
     """The moves that were read from the answer."""
@@ -32,11 +32,11 @@ class RouteScore:
     steps: int | None
     """The number of moves up to the goal; None if the goal is not reached."""
     illegal_move: int | None
-    """The place in `moves`, from 0, of the first move that is not allowed; None if all are."""
+    """The index in `moves` of the first move that is not allowed; None if all are allowed."""
     reason: str | None
-    """Why the attempt went wrong: `wall`, `door` (without the key), `ice`, `after the goal` or
-    `limit` (of 40 moves a cell) for an illegal move, else `no moves` or `short of the goal`; None
-    if nothing did."""
+    """Why the attempt failed: `wall`, `door` (without the key), `ice`, `after the goal` or `limit`
+    (of 40 moves per cell) for an illegal move, else `no moves` or `short of the goal`; None if it
+    did not fail."""
 
     @property
     def reaches_goal(self) -> bool:
@@ -50,22 +50,22 @@ class RouteScore:
 
     @property
     def is_shortest(self) -> bool:
-        """Whether the answer is a shortest route, whichever of them, and nothing more."""
+        """Whether the answer is a shortest route, any of them, with no further moves."""
         return self.extra_moves == 0 and self.reason is None
 
 
 def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
-    """Return what an answer in words comes to, replayed move by move.
+    """Return the score of an answer in words, replayed move by move.
 
-    The attempt ends with the first move that is not allowed: into a wall or a closed door, onto
-    ice, after the goal, or beyond 40 moves a cell. In the environment a wall costs a step instead;
-    here it does not, or a list of random moves would reach many a goal. The time is proportional to
-    the length of the answer, about a second for a megabyte.
+    The attempt ends at the first move that is not allowed: into a wall or a closed door, onto ice,
+    after the goal, or beyond 40 moves per cell. In the environment, bumping into a wall only costs
+    a step; if it did here, too, a list of random moves would often reach the goal. The time is
+    proportional to the length of the answer, about a second per megabyte.
 
     Args:
-        labyrinth: The labyrinth, or its text, such as the column `info`. The moves begin on the
-            start.
-        answer: What was answered; see `read_moves`.
+        labyrinth: The labyrinth, or its text, such as from the column `info`. The moves begin on
+            the start.
+        answer: The text of the answer; see `read_moves`.
 
     Raises:
         LabyrinthSyntaxError: The text does not describe a labyrinth.
@@ -91,7 +91,7 @@ def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
 
 
 def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
-    """Return why a move is not allowed in a state, None if it is."""
+    """Return why a move is not allowed in a state; None if it is allowed."""
     beside = labyrinth.structure.moves[state.agent][move]
     if beside == state.agent:
         return "wall"
@@ -103,11 +103,11 @@ def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
 def read_moves(answer: str) -> tuple[Action, ...]:
     """Return the moves of an answer; an empty tuple if it has no moves.
 
-    A move is one of the words up, right, down and left in small or capital letters, or one of the
-    capital letters U, R, D and L. Between the moves of a run there is no other word than "and" or
-    "then"; punctuation and digits may be there. Of several "Answer:" the last one with a move
-    somewhere after it counts: of the runs on its line the longest, or if its line has no move, the
-    longest run after it; of equals the first. Without an "Answer:" the last run of the text counts.
+    A move is one of the words up, right, down and left in any case, or one of the capital letters
+    U, R, D and L. A run is a sequence of moves with no words between them but "and" and "then";
+    punctuation and digits are ignored. The last "Answer:" that has a move somewhere after it
+    counts: the longest run on its line, or, if its line has no move, the longest run after it; the
+    first of equally long runs. Without any "Answer:" the last run of the text counts.
     """
     marks = [mark.end() for mark in _MARK.finditer(answer)]
     if not marks:

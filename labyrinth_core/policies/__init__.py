@@ -1,1 +1,1 @@
-"""Trained policies: their networks, and loading one from a folder or from the Hub."""
+"""Trained policies: their networks, and loading policies from a folder or the Hub."""

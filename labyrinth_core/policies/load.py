@@ -1,8 +1,8 @@
-"""`load_policy`: a policy from a folder or from the Hub, as `evaluate` takes it.
+"""`load_policy` loads a policy for `evaluate` from a folder or the Hub.
 
-Two files are read, and they are data: `config.json` or, of a run, `run.json`, of which each value
-is checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded,
-and nothing is run.
+It reads two files of data: `config.json` or, for a run, `run.json`, in which every value is
+checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded, and
+no code is executed.
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ if TYPE_CHECKING:
 
 PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28, GRAPH: 1 << 28}
-"""The largest size of each file; the weights of the largest network here take 46 MB."""
+"""The size limit of each file, in bytes; the weights of the largest network here take 46 MB."""
 
 _UNREADABLE = (OSError, *MALFORMED)
-"""What is raised for a file that cannot be read, or has other content."""
+"""Exceptions for a file that cannot be read or has invalid content."""
 
 
 def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy | LoadedMapper:
-    """Return a policy that was published or trained, as `evaluate` takes it.
+    """Return a published or trained policy, ready for `evaluate`.
 
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
     remembers its plan, so it is an object with `reset(count)` and `act(observations)`, which
-    returns B actions. Of both, `network` is the module of PyTorch, on the processor, and `spec`
-    says what they look at, which `evaluate` shows them. Both have `predict` as in
-    Stable-Baselines3, too, and `for_labyrinths(height, width, task)`, which returns the policy for
-    labyrinths of another size than those that it was trained on.
+    returns B actions. Both have the PyTorch module as `network`, on the CPU; `spec`, which tells
+    `evaluate` what to show them; `predict` as in Stable-Baselines3; and
+    `for_labyrinths(height, width, task)`, which returns the policy for labyrinths of another size
+    than in training.
 
     Args:
         source: The folder of a run, such as `runs/5x5/bc-cnn-seed0`; a folder with `config.json`
@@ -46,9 +46,9 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
         revision: Branch, tag or commit on the Hub; not for folders.
 
     Raises:
-        ValueError: A folder is given with a revision.
-        DatasetError: The policy does not exist, one of its files is too large or has other content
-            than it should have, or PyTorch is not installed.
+        ValueError: A revision is given for a folder.
+        DatasetError: The policy does not exist, one of its files is too large or has invalid
+            content, or PyTorch is not installed.
     """
     try:
         import safetensors.torch  # noqa: F401
@@ -65,12 +65,12 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
 def located(
     source: str | Path, revision: str | None, names: Iterable[str] = tuple(PUBLISHED)
 ) -> Path:
-    """Return the folder with the files of a policy, downloaded if an id is given.
+    """Return the folder with the files of a policy; for an id, download them first.
 
     Args:
         source: As for `load_policy`.
         revision: As for `load_policy`.
-        names: The names of the files to download, of `MOST_BYTES`.
+        names: The names of the files to download, from the keys of `MOST_BYTES`.
 
     Raises:
         ValueError, DatasetError: As for `load_policy`.
@@ -92,7 +92,7 @@ def located(
         return hf_hub_download(str(source), name, revision=revision, **options)
 
     try:
-        for name in names:  # Before anything is downloaded.
+        for name in names:  # Check all sizes before any download.
             check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
         folders = {Path(download(name)).parent for name in names}
     except DatasetError:
@@ -116,14 +116,14 @@ def _read_spec(path: Path) -> PolicySpec:
         check_size(path, CONFIG, path.stat().st_size)
         return PolicySpec.from_json(read_json(path))
     except FileNotFoundError as error:
-        reason = f"the folder holds no policy, published or of a run ({RECORD})"
-        raise DatasetError(f"{path} is not there: {reason}") from error
+        reason = f"the folder holds neither a published policy nor a run ({RECORD})"
+        raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_spec_of_run(folder: Path) -> PolicySpec:
-    """Return what the policy of a run is made from: its weights name the size of its labyrinths."""
+    """Return the specification of a run's policy; the file of weights names the network's shape."""
     record = folder / RECORD
     _, metadata = _read_weights(folder / POLICY)
     try:
@@ -131,11 +131,11 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
         network, run = json.loads(metadata["network"]), read_json(record)["run"]
         return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
     except _UNREADABLE as error:
-        raise DatasetError(f"{folder} is no run of a policy: {one_line(error):.300}") from error
+        raise DatasetError(f"{folder} holds no trained policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """Return the tensors and the texts of a file of weights."""
+    """Return the tensors and the metadata of a file of weights."""
     from safetensors import SafetensorError, safe_open
 
     try:
@@ -144,13 +144,13 @@ def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, file.metadata() or {}
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: the folder holds no policy") from error
+        raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
     except (*_UNREADABLE, SafetensorError) as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 
 def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
-    """Return the policy with its weights, whose names, shapes and types are checked."""
+    """Return the policy with its weights, after checking their names, shapes and dtypes."""
     import torch
 
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
@@ -159,7 +159,7 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
     def make() -> torch.nn.Module:
         return make_network(spec.network, average=spec.average, own=spec.own)
 
-    with torch.device("meta"):  # Without memory for weights, of which a file could ask for any.
+    with torch.device("meta"):  # Allocates no memory: a file could ask for any amount.
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
     tensors, _ = _read_weights(path)
     for name in sorted(expected.keys() | tensors.keys()):

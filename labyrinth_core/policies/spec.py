@@ -1,6 +1,6 @@
-"""What a policy's network is made from, in plain types: `config.json`, beside its weights.
+"""The specification of a policy's network in plain types: `config.json`, beside the weights.
 
-The file is data: each value in it is checked against what is allowed, and nothing in it is run.
+The file is data: every value is checked against the allowed values, and nothing is executed.
 """
 
 from __future__ import annotations
@@ -19,31 +19,31 @@ from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
-"""The names of the two files of a policy that is published."""
+"""The two files of a published policy."""
 
 RECORD, POLICY = "run.json", "policy.safetensors"
-"""The names of the two files of a run that its policy is read from: `PolicySpec.of_run`."""
+"""The two files of a training run from which its policy is read; see `PolicySpec.of_run`."""
 
 GRAPH = "model.onnx"
-"""The only file of a policy that is an ONNX graph; a season's judge reads it, not `load_policy`."""
+"""The only file of an ONNX policy, which a season's judge reads and `load_policy` does not."""
 
 KIND = "labyrinth-policy"
 FORMAT = 1
 
 ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
-"""Encoder -> what it looks at."""
+"""Encoder -> the observation that it encodes."""
 
 RESIZE_OF_PROTOCOL = {"default": "area", "paper": "original", "authors": "original"}
-"""Protocol of training -> how pictures become small, one of `RESIZES`."""
+"""Training protocol -> how pictures are made smaller, one of `RESIZES`."""
 
 PLANNER, MAPPER = "planner", "mapper"
-"""The methods with a network of their own; in a `NetworkSpec` they stand for the encoder."""
+"""The methods with a network of their own; in a `NetworkSpec` their name replaces the encoder."""
 
 
 def checked(least: float | None = None, most: float = inf, one_of: Iterable[Any] = ()) -> Any:
-    """Return a field with its allowed values, in the form of an option of `pipeline.config`.
+    """Return a field that declares its allowed values as options of `pipeline.config` do.
 
-    So a method's settings can inherit fields from here, and are checked like its other settings.
+    A method's settings can then inherit these fields, and are checked like its other settings.
 
     Args:
         least: The least value of a number; None for a boolean.
@@ -55,60 +55,60 @@ def checked(least: float | None = None, most: float = inf, one_of: Iterable[Any]
 
 @dataclass(frozen=True)
 class NetworkSpec:
-    """Everything that the shape of a network with an encoder depends on."""
+    """Everything that determines the shape of a network with an encoder."""
 
     encoder: str = checked(one_of=(*ENCODERS, PLANNER, MAPPER))
     """An encoder, or the name of a method that has a network of its own."""
     height: int = checked(MIN_SIDE, MAX_SIDE)
-    """The height of the labyrinths in cells, on which the length of vectors depends."""
+    """The height of the labyrinths in cells; the length of vectors depends on it."""
     width: int = checked(MIN_SIDE, MAX_SIDE)
     task: str = checked(one_of=map(str, Task))
 
 
 @dataclass(frozen=True)
 class PlannerSpec:
-    """The settings of `method=planner` on which its network depends."""
+    """The settings of `method=planner` that determine its network."""
 
     path_prior: bool = checked()
-    """Whether costs of steps add up, and the cheapest way is taken."""
+    """Whether planning adds up the costs of steps and takes the cheapest route."""
     grid_prior: bool = checked()
-    """Whether the number of pixels of a cell is known."""
+    """Whether the network knows how many pixels a cell has."""
     colour_prior: bool = checked()
     """Whether the agent is found by its colour."""
     channels: int = checked(1, 1024)
     iterations: int = checked(1, 1000)
-    """The number of iterations of planning, in cells. With `path_prior` it holds in training only:
-    a policy that acts plans until nothing changes."""
+    """The number of iterations of planning, in cells. With `path_prior` it applies in training
+    only: a policy that acts plans until nothing changes."""
     sharpness: float = checked(0, 1000)
-    """The power to which costs are raised when acting, with `grid_prior` only: the longer the ways
-    of a labyrinth, the more a wall has to cost."""
+    """The power to which costs are raised when acting, with `grid_prior` only: the longer the
+    routes of a labyrinth, the more a wall has to cost."""
 
 
 @dataclass(frozen=True)
 class MapperSpec:
-    """The settings of `method=mapper` on which its network depends."""
+    """The settings of `method=mapper` that determine its network."""
 
     channels: int = checked(1, 1024)
     """The width of the hidden layers."""
     looks: int = checked(1, 64)
-    """The number of features of a colour that may block."""
+    """The number of features per colour that decide whether it blocks."""
 
 
 OWN = {PLANNER: PlannerSpec, MAPPER: MapperSpec}
-"""Method with a network of its own -> the settings on which that depends."""
+"""Method with a network of its own -> the class of the network's settings."""
 
 
 @dataclass(frozen=True)
 class PolicySpec:
-    """What a policy's network is made from, and what the policy has to be shown."""
+    """The specification of a policy's network, and of the observations it needs."""
 
     network: NetworkSpec
     average: bool
-    """Whether it is averaged over the symmetries of the picture."""
+    """Whether its outputs are averaged over the symmetries of the picture."""
     own: PlannerSpec | MapperSpec | None = None
     """The settings of a network without an encoder."""
     resize: str = "area"
-    """How its pictures become small; one of `RESIZES`."""
+    """How its pictures are made smaller; one of `RESIZES`."""
 
     @property
     def observation(self) -> str:
@@ -117,15 +117,15 @@ class PolicySpec:
 
     @property
     def image_size(self) -> int | None:
-        """Pixels on each side of the pictures that it was trained on; None for vectors."""
+        """Pixels on each side of its training pictures; None for vectors."""
         if self.network.encoder == MAPPER:
             return PICTURE_SIZE
         return DEFAULT_IMAGE_SIZE if self.observation == "image" else None
 
     def image_size_in(self, height: int, width: int) -> int | None:
-        """Return the pixels on each side of its pictures of labyrinths of another size.
+        """Return the pixels on each side of its pictures for labyrinths of another size.
 
-        A planner's cells keep their number of pixels.
+        For a planner, the number of pixels per cell stays the same.
         """
         if self.network.encoder == PLANNER:
             trained_on = max(self.network.height, self.network.width)
@@ -133,14 +133,14 @@ class PolicySpec:
         return self.image_size
 
     def require_fit(self, height: int, width: int, task: Task) -> None:
-        """Raise a PolicyError if labyrinths of a size and task cannot be shown to the policy."""
+        """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":
             own = network.height, network.width, tile_count(Task(network.task))
             if own != (height, width, tile_count(task)):
                 raise PolicyError(
-                    f"the policy looks at vectors of {network.height}x{network.width}, "
-                    f"{network.task}: those of {shape}, {task}, have another meaning"
+                    f"the policy needs vectors of {network.height}x{network.width}, "
+                    f"{network.task}: those of {shape}, {task}, have another layout"
                 )
         if isinstance(self.own, PlannerSpec) and self.own.grid_prior and height != width:
             raise PolicyError(
@@ -165,11 +165,11 @@ class PolicySpec:
 
     @classmethod
     def of_run(cls, network: Any, run: Any) -> PolicySpec:
-        """Return what the policy of a run is made from; `from_json` checks its content.
+        """Return the specification of a training run's policy; `from_json` checks its content.
 
         Args:
-            network: The fields of its `NetworkSpec`.
-            run: What determines the run, among it the `settings` of its method.
+            network: The fields of the `NetworkSpec`.
+            run: The choices that determine the run, including the `settings` of its method.
 
         Raises:
             ValueError: The protocol of the run does not exist, or the network has other fields.
@@ -185,10 +185,10 @@ class PolicySpec:
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:
-        """Return what the content of a `config.json` describes.
+        """Return the specification in the content of a `config.json`.
 
         Raises:
-            ValueError: It has another form, or a value that is not allowed.
+            ValueError: The content has another form, or a value that is not allowed.
         """
         check_shape(content, {"network": None, "average": None})
         network = _read(NetworkSpec, content["network"], "network")
@@ -196,7 +196,7 @@ class PolicySpec:
         check_shape(average, _BOOLEAN, "average")
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
-            raise ValueError("average is True, but a mapper looks at a picture in one way")
+            raise ValueError("average is True, but a mapper does not average over symmetries")
         resize = content.get("resize", "area")
         check_shape(resize, OneOf(tuple(RESIZES)), "resize")
         spec = cls(network, average, own, resize)

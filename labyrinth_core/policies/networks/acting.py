@@ -1,4 +1,4 @@
-"""Policies made of networks: how a network is put together, and how it acts."""
+"""Build networks from their specification, and wrap them as policies."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, P
 from labyrinth_core.world.labyrinth import Task
 
 BATCH = 64
-"""The number of observations in a forward pass without gradients; of more, layers leave caches."""
+"""Observations per forward pass without gradients; with more, layers exceed caches."""
 
 
 def make_network(
@@ -28,8 +28,8 @@ def make_network(
     """Return a policy's network with fresh weights.
 
     Args:
-        spec: Its shape; for a planner, the size of the labyrinths that it is trained on.
-        average: Whether it is averaged over the symmetries of the picture when it acts.
+        spec: The shape of the network; a planner needs the size of its training labyrinths.
+        average: Whether outputs are averaged over the symmetries of the picture when acting.
         own: The settings of a planner or a mapper; None for a network with an encoder.
     """
     network: nn.Module
@@ -46,7 +46,7 @@ def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
     """Return a network's outputs in evaluation mode: no dropout, running statistics, no gradient.
 
     All code that acts, labels or judges during training calls this function, with any number of
-    observations on the network's device. It leaves the network in the mode in which it was.
+    observations on the network's device. It restores the network's mode.
     """
     training = network.training
     network.eval()
@@ -58,7 +58,7 @@ def outputs_of(network: nn.Module, observations: Tensor) -> Tensor:
 
 
 class NetworkPolicy:
-    """The policy of a network."""
+    """A network as a policy."""
 
     def __init__(self, network: nn.Module) -> None:
         self.network = network
@@ -72,7 +72,7 @@ class NetworkPolicy:
 
 
 class LoadedPolicy(NetworkPolicy):
-    """The policy of a network that was loaded."""
+    """The policy of a loaded network."""
 
     def __init__(self, network: nn.Module, spec: PolicySpec) -> None:
         super().__init__(network)
@@ -84,10 +84,10 @@ class LoadedPolicy(NetworkPolicy):
         )
 
     def for_labyrinths(self, height: int, width: int, task: Task) -> LoadedPolicy:
-        """Return the policy, which is the same in labyrinths of another size.
+        """Return this policy, after checking that it can be shown such labyrinths.
 
         Raises:
-            PolicyError: The labyrinths cannot be shown to it.
+            PolicyError: The labyrinths cannot be shown to the policy.
         """
         self.spec.require_fit(height, width, task)
         return self
@@ -112,7 +112,7 @@ class LoadedPolicy(NetworkPolicy):
 
         Args:
             observation: B observations, or one without the first axis.
-            state: Returned as it is: the policy remembers nothing.
+            state: Returned unchanged: the policy has no memory.
             episode_start: Ignored, for the same reason.
             deterministic: Ignored: the action is always the one with the highest score.
 
@@ -128,7 +128,7 @@ class LoadedPolicy(NetworkPolicy):
 
 
 class LoadedMapper(MapperPolicy):
-    """The policy of a mapper that was loaded, for labyrinths as large as those trained on.
+    """The policy of a loaded mapper, for labyrinths of the size it was trained on.
 
     `for_labyrinths` returns the same policy for labyrinths of another size.
     """
@@ -158,12 +158,13 @@ class LoadedMapper(MapperPolicy):
 
         Args:
             observation: B pictures, shape (B, 600, 600, 3), or one without the first axis.
-            state: What was returned for the pictures before these; None where episodes begin.
-            episode_start: Which episodes begin with these pictures, shape (B,); None for none.
+            state: The state returned for the preceding pictures; None when episodes begin.
+            episode_start: Which episodes begin with these pictures, shape (B,); None if no episode
+                does.
             deterministic: Ignored: the action always follows from the plan.
 
         Returns:
-            The actions, shape (B,), or one action; and what is remembered of each episode.
+            The actions, shape (B,), or one action; and the memory of each episode.
 
         Raises:
             PolicyError: The observations are not pictures.
@@ -183,7 +184,7 @@ class LoadedMapper(MapperPolicy):
 
 
 def _batch_of(spec: PolicySpec, observation: NDArray[Any]) -> tuple[NDArray[Any], bool]:
-    """Return B observations, and whether only one was given, without the first axis."""
+    """Return B observations, and whether a single one was given, without the first axis."""
     one = observation.ndim == (3 if spec.observation == "image" else 1)
     return observation[None] if one else observation, one
 
@@ -193,6 +194,4 @@ def _require_kind(spec: PolicySpec, observations: Any) -> None:
     if isinstance(observations, np.ndarray):
         shown = "image" if observations.dtype == np.uint8 else "vector"
     if shown != spec.observation:
-        raise PolicyError(
-            f"the policy looks at observation={spec.observation}, and is shown {shown}"
-        )
+        raise PolicyError(f"the policy needs observation={spec.observation}, but is shown {shown}")

@@ -1,26 +1,25 @@
-"""The network and the policy of `method=mapper`: what is what, what actions do, and a plan.
+"""The network and the policy of `method=mapper`: it learns a model of actions, and plans with it.
 
-A picture is taken apart into anonymous slots, one a colour (`slots`). Four things are learnt:
+A picture is split into anonymous slots, one per colour (`slots`). The network learns four things:
 
-- what moves: which slot it is, by the shape of each slot within cells, and of the other slots
-  there;
-- where demonstrations end: which slot of an episode's first picture, by the same shapes;
-- what each action does: by how many rows and columns it moves, if it moves;
-- what lets pass: whether a move happens, by what all slots show on the way from a cell to the next,
-  where each slot counts by features that are computed from its shape.
+- which slot moves, from the shape of each slot within cells, and of the other slots in these cells;
+- where demonstrations end: which slot of an episode's first picture, from the same shapes;
+- what each action does: by how many rows and columns it moves the agent, if it does;
+- what lets the agent pass: whether a move happens, from all slots on the way from a cell to the
+  next, each represented by features that are computed from its shape.
 
-Together they are a model of where each action leads from each cell. The plan takes the smallest
-expected number of steps: a move of probability p takes 1 / p attempts.
+Together they are a model of where each action leads from each cell. The plan minimises the expected
+number of steps: a move of probability p takes 1 / p attempts.
 
 Given, not learnt: pixels have flat colours, and a colour means one thing in the whole picture; the
-numbers of rows and columns; what acts is one colour in one cell, a step leads at most to one of the
-eight cells around it, and the first picture shows where the episode ends; what lets pass looks the
-same when it is turned; the shortest way is the best. Not given: which colour is the agent, a wall,
-the floor, the start or the goal, what they look like, what the actions do, that anything blocks,
-and any labyrinth of another size or look.
+numbers of rows and columns; the agent is one colour in one cell, a step leads at most to one of the
+eight cells around it, and the first picture shows where the episode ends; passages look the same
+when turned; the shortest route is the best. Not given: which colour is the agent, a wall, the
+floor, the start or the goal, what they look like, what the actions do, that anything blocks, and
+any labyrinth of another size or look.
 
-Colours are only compared for equality, and no feature of a slot depends on where it is: a goal that
-is always in one corner is not learnt by its corner.
+Colours are only compared for equality, and no feature of a slot depends on its position: a goal
+that is always in the same corner is not recognised by the corner.
 """
 
 from __future__ import annotations
@@ -51,31 +50,31 @@ from labyrinth_core.policies.spec import MapperSpec
 from labyrinth_core.world.labyrinth import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
-"""The moves to another cell, in rows down and columns right: each four are one, turned."""
+"""The moves to another cell, in rows down and columns right; within each four, one is turned."""
 STAY = len(AROUND)
-"""The number of the outcome of a step that leads to no other cell."""
+"""The index of the outcome of a step that does not leave the cell."""
 QUICK = 20.0
-"""The factor of the logits of what actions do, which so few weights would learn too slowly."""
+"""The factor of `effects` as logits; without it so few weights would learn too slowly."""
 TOGETHER = 16
-"""The number of pictures that are planned in at once."""
+"""The number of pictures for which plans are made at once."""
 
 
 class Roles(NamedTuple):
-    """What the K slots of N pictures are taken for; -inf for a slot that is not in the picture."""
+    """The predicted roles of K slots in N pictures; logits are -inf if a picture lacks the slot."""
 
     moves: Tensor
-    """The logit that a slot is what moves, shape (N, K)."""
+    """The logit that a slot is the one that moves, shape (N, K)."""
     ends: Tensor
     """The logit that the demonstration ends where a slot is, shape (N, K)."""
     looks: Tensor
-    """What a slot counts as on the way to another cell, shape (N, K, features)."""
+    """The features of a slot on the way to another cell, shape (N, K, features)."""
 
 
 class Mapper(nn.Module):
-    """The model of what slots are, and of where actions lead."""
+    """The model of the slots' roles, and of where actions lead."""
 
     def __init__(self, settings: MapperSpec) -> None:
-        """Draw the weights, which do not depend on the size of labyrinths."""
+        """Initialise the weights, which do not depend on the size of labyrinths."""
         super().__init__()
         channels, looks = settings.channels, settings.looks
         self.shape = nn.Sequential(
@@ -91,10 +90,10 @@ class Mapper(nn.Module):
         self.effects = nn.Parameter(torch.zeros(ACTIONS, len(AROUND) + 1))
 
     def roles(self, masks: Tensor) -> Roles:
-        """Return what each slot is, from its shape and the others' in the cells that it is in."""
+        """Return each slot's roles, from its shape and the other slots' shapes in its cells."""
         patches = patches_of(masks)
         used = patches.amax((3, 4))
-        # The mean of the eight ways to look at a cell, as a corner would show in the walls' width.
+        # The mean over a cell's eight symmetries; otherwise the walls' width would show the corner.
         turned = patches + patches.flip(3)
         turned = turned + turned.flip(4)
         turned = (turned + turned.transpose(3, 4)) / 8
@@ -105,16 +104,16 @@ class Mapper(nn.Module):
         mean = found.sum(2) / count.clamp(min=1)[..., None]
         role = self.role(torch.cat([found.amax(2), mean], 2))
         moves, ends = role[..., :2].masked_fill(count[..., None] == 0, -torch.inf).unbind(2)
-        looks = functional.layer_norm(role[..., 2:], role[0, 0, 2:].shape)  # Of any use at once.
+        looks = functional.layer_norm(role[..., 2:], role[0, 0, 2:].shape)  # At a useful scale.
         return Roles(moves, ends, looks)
 
     def passable(self, seen: Tensor) -> Tensor:
-        """Return the logits that what moves can pass from each cell to those around it.
+        """Return the logits that the agent can pass from each cell to the eight cells around it.
 
         A way is as passable as the least passable line of blocks across it.
 
         Args:
-            seen: What `Surroundings.on_ways` shows of N pictures in the directions of `AROUND`.
+            seen: The result of `Surroundings.on_ways` for N pictures and the directions `AROUND`.
 
         Returns:
             Shape (N, cells, 8).
@@ -123,7 +122,7 @@ class Mapper(nn.Module):
         return logits[..., 0].amin(3)
 
     def outcomes(self, passable: Tensor) -> Tensor:
-        """Return the logarithms of the probabilities of where each action leads.
+        """Return the log-probabilities of the outcomes of each action.
 
         Args:
             passable: Logits, shape (N, 8).
@@ -156,7 +155,7 @@ class Mapper(nn.Module):
 
 
 def _quickest(steps: Tensor, end: int) -> Tensor:
-    """Return which move to make in each cell, shape (cells,), by the fewest steps to the end.
+    """Return the move in each cell that minimises the steps to the end, shape (cells,).
 
     Args:
         steps: The expected number of steps that each move takes, shape (8, rows, columns).
@@ -178,9 +177,9 @@ def _quickest(steps: Tensor, end: int) -> Tensor:
 
 
 class MapperPolicy:
-    """The policy of a mapper, which remembers its plan and the colour of what it has to move.
+    """The policy of a mapper, which remembers its plan and the agent's colour.
 
-    It plans in the first picture of an episode; in all others it only finds its own cell.
+    It plans for the first picture of an episode; in later pictures it only locates the agent.
     """
 
     observation, image_size = "image", PICTURE_SIZE
@@ -192,7 +191,7 @@ class MapperPolicy:
             network: The network, trained on labyrinths of any size.
             height: The number of rows of the labyrinths in the pictures.
             width: The number of columns.
-            remember: Whether it remembers; if not, it plans anew in each picture.
+            remember: Whether to remember the plan; if not, it plans anew for each picture.
         """
         self.network, self.size, self.remember = network, (height, width), remember
         self.reset(0)
@@ -225,7 +224,7 @@ class MapperPolicy:
         return self._plans[np.arange(len(cells)), cells]
 
     def remembered(self) -> NDArray[np.int64]:
-        """Return what it remembers of each episode: the colour, and the action in each cell."""
+        """Return the memory of each episode: the agent's colour, and the action in each cell."""
         if not self.remember:
             return np.zeros((len(self._colours), 0), np.int64)
         return np.column_stack([self._colours, self._plans])

@@ -1,6 +1,6 @@
-"""The networks of the benchmark (supplement, Tables 1 and 2), written out.
+"""The networks of the benchmark (supplement, Tables 1 and 2).
 
-All take observations as they are stored, and scale them themselves: pictures as uint8, shape
+All take observations as stored, and scale them internally: pictures as uint8, shape
 (batch, size, size, channels); vectors as integers, shape (batch, length).
 """
 
@@ -97,9 +97,9 @@ class ResNet18(nn.Sequential):
 
 
 class Mlp(nn.Module):
-    """Our encoder for vectors, which the supplement does not use: 512 features.
+    """Our encoder for vectors, which are not in the supplement: 512 features.
 
-    The wall grid is an input as it is; positions are one-hot, since they number places.
+    The wall grid is used directly; positions are one-hot, since they are indices.
     """
 
     features = WIDTH
@@ -112,7 +112,7 @@ class Mlp(nn.Module):
         self.layer = nn.Linear(inputs, WIDTH)
 
     def forward(self, vectors: Tensor) -> Tensor:
-        """Return the features of vectors; several frames are concatenated in a vector."""
+        """Return the features of vectors, each of which concatenates all frames."""
         frames = vectors.long().reshape(len(vectors), -1, self.tiles + self.grid)
         # -1 stands for a key or a door that is gone.
         places = functional.one_hot(frames[:, :, : self.tiles] + 1, self.grid + 1)

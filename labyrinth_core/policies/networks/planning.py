@@ -1,4 +1,4 @@
-"""The network of `method=planner`: a picture becomes a map of costs, the map shortest paths.
+"""The network of `method=planner`: it predicts a map of costs and plans shortest paths on it.
 
 A small convolutional stem predicts, for each position of an internal grid, the cost of a step in
 each direction and the cost of ending there. Planning is then the Bellman-Ford iteration, which has
@@ -6,10 +6,9 @@ no weights of its own:
 
     d(s) <- min(end(s), min over a of step(s, a) + d(s after a))
 
-It uses the costs again in every iteration and converges by itself, after more iterations in larger
-labyrinths. The scores of the actions are -(step + d), where the agent is. Everything is
-differentiable, so that the appearance of walls, goal and ice is learnt from the demonstrated
-actions alone.
+Every iteration reuses the costs, and the iteration converges by itself, later in larger labyrinths.
+The scores of the actions are -(step + d) at the agent's position. Everything is differentiable, so
+the appearance of walls, goal and ice is learnt from the demonstrated actions alone.
 """
 
 from __future__ import annotations
@@ -27,24 +26,24 @@ from labyrinth_core.policies.spec import PlannerSpec
 FAR = 1e9
 """The cost of ending outside the picture."""
 FIRST_END = 3.0
-"""The initial logarithm of the cost of ending, which is the cost of a path of twenty cells."""
+"""The initial logarithm of the cost of ending, about the cost of a path of twenty cells."""
 POSITION_PIXELS = 4
 """The side of a position in pixels, without `grid_prior`."""
 FINE_POSITIONS = 3.2
-"""The number of positions on the side of a cell that is assumed without `grid_prior`, which is that
-of 5x5: the iterations in training and the initial cost of ending are scaled by it."""
+"""The number of positions along the side of a cell, assumed without `grid_prior` and right for 5x5:
+it scales the iterations in training and the initial cost of ending."""
 FINE_SHARPNESS = 1.25
 """The sharpness of `Bellman` in evaluation mode without `grid_prior`, where a path through a cell
 has several positions of different costs, so that high powers of the costs change the cheapest path.
 Chosen from 1, 1.25, 1.5 and 1.75 on structures of the split validation of 5x5."""
 PIXELS = 16
-"""The side in pixels to which the picture of a cell is resized, with `grid_prior`."""
+"""The side in pixels to which each cell is resized, with `grid_prior`."""
 SAME_COLOUR = 0.1
-"""The difference in each channel, of 1, up to which a pixel counts as of a colour."""
+"""The largest difference per channel, from 0 to 1, at which a pixel counts as of a colour."""
 
 
 class Bellman(nn.Module):
-    """Planning with the prior that costs add up along a path, and that the cheapest is taken."""
+    """Planning with the prior that costs add up along a path, and the cheapest path is taken."""
 
     def __init__(
         self, channels: int, iterations: int, sharpness: float, first_end: float = FIRST_END
@@ -76,7 +75,7 @@ def path_costs(costs: Tensor, iterations: int, *, rest: bool = False) -> Tensor:
     Args:
         costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
         iterations: The greatest number of iterations.
-        rest: Whether they end as soon as nothing changes any more.
+        rest: Whether to stop as soon as nothing changes.
     """
     step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
     distance = end
@@ -119,7 +118,7 @@ class Gated(nn.Module):
 
 
 class Planner(nn.Module):
-    """The stem, the planning, and the choice of the agent's position from the plan."""
+    """The stem, the planning, and the look-up of the agent's position in the plan."""
 
     def __init__(self, cell_pixels: float, settings: PlannerSpec) -> None:
         """Draw the weights.
@@ -129,7 +128,7 @@ class Planner(nn.Module):
 
         Args:
             cell_pixels: The side of a cell in pixels; used only with `grid_prior`.
-            settings: Its priors and sizes.
+            settings: The priors and sizes.
         """
         super().__init__()
         channels, self.grid_prior = settings.channels, settings.grid_prior
@@ -183,24 +182,24 @@ class Planner(nn.Module):
 
 
 def on_grid(image: Tensor, cell_pixels: float) -> Tensor:
-    """Return pictures in which each cell has `PIXELS` pixels each way, shape (N, 3, side, side).
+    """Resize pictures so that each cell has `PIXELS` pixels each way, shape (N, 3, side, side).
 
     Args:
         image: Pictures of square labyrinths, shape (N, 3, size, size).
-        cell_pixels: The side of a cell in them.
+        cell_pixels: The side of a cell in these pictures, in pixels.
     """
     side = PIXELS * round(image.shape[2] / cell_pixels)
     return functional.interpolate(image, size=(side, side), mode="bilinear")
 
 
 def share_of(image: Tensor, colour: Colour, rows: int, columns: int) -> Tensor:
-    """Return how much of a colour lies at each position, of 1, shape (N, rows, columns).
+    """Return the share of a colour at each position, with sum 1, shape (N, rows, columns).
 
-    Where the colour is nowhere in a picture, all positions have the same share.
+    If a picture lacks the colour, all positions have the same share.
     """
     same = image.new_tensor(colour).view(3, 1, 1) / 255
     found = (image - same).abs().amax(1) < SAME_COLOUR
     share = functional.adaptive_avg_pool2d(found.float(), (rows, columns))
     total = share.sum((1, 2), keepdim=True)
-    share = torch.where(total > 0, share, 1.0)  # It may be anywhere, in other colours.
+    share = torch.where(total > 0, share, 1.0)  # In other colours, the agent may be anywhere.
     return share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)

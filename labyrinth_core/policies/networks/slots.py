@@ -1,13 +1,13 @@
 """Pictures as anonymous slots: where each colour is, but not which colour it is.
 
-This is what the network of `method=mapper` is shown, cell by cell.
+This is the input of the network of `method=mapper`, cell by cell.
 
-A slot is the set of pixels of one colour. Slots are numbered by where they first appear, from the
-top left, so that a picture in any other palette of as many colours has the same slots, to the bit.
+A slot is the set of pixels of one colour. Slots are numbered in the order of their first pixels,
+from the top left, so a picture in any other palette of as many colours has bit-identical slots.
 
-A cell is `CELL` blocks high and wide, however many pixels that is. A `Scene` says of each block
-which slots have a pixel in it, so that it looks almost alike at all sizes of labyrinths and at all
-thicknesses of walls.
+A cell is `CELL` blocks high and wide, however many pixels that is. A `Scene` holds the slots that
+have a pixel in each block, so it is almost the same for all sizes of labyrinths and thicknesses of
+walls.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ Scene = NDArray[np.uint16]
 class Slots(NamedTuple):
     """The slots of a picture of `side` pixels each way.
 
-    Most rows and columns of pixels equal the one before, and are kept once.
+    Runs of equal rows or columns of pixels, which are most of a picture, are stored once.
     """
 
     grid: NDArray[np.uint8]
-    """The slot of each pixel in each different row and column of pixels, shape (R, C)."""
+    """The slot of each pixel in the R distinct rows and C distinct columns, shape (R, C)."""
     rows: NDArray[np.int64]
-    """Which of these each row is, ascending, shape (side,)."""
+    """The index in `grid` of each row of pixels, ascending, shape (side,)."""
     columns: NDArray[np.int64]
-    """Which of these each column is, ascending, shape (side,)."""
+    """The index in `grid` of each column of pixels, ascending, shape (side,)."""
     colours: NDArray[np.uint32]
     """The colour of each slot, as one number, shape (K,)."""
 
@@ -50,7 +50,7 @@ def slots_of(picture: NDArray[np.uint8]) -> Slots:
     """Return the slots of a picture of shape (side, side, 3).
 
     Raises:
-        ValueError: It has more than `MOST_SLOTS` colours, as a picture that was shrunk has.
+        ValueError: The picture has more than `MOST_SLOTS` colours, as resized pictures do.
     """
     rows = _different(picture.reshape(len(picture), -1))
     red, green, blue = np.moveaxis(picture[rows].astype(np.uint32), 2, 0)
@@ -60,8 +60,8 @@ def slots_of(picture: NDArray[np.uint8]) -> Slots:
     colours, first, which = np.unique(pixels, return_index=True, return_inverse=True)
     if len(colours) > MOST_SLOTS:
         raise ValueError(
-            f"a picture has {len(colours)} colours: show pictures of flat colours, {MOST_SLOTS} at "
-            "most, as image_size=600 has them"
+            f"a picture has {len(colours)} colours, more than {MOST_SLOTS}: show pictures of flat "
+            "colours, as with image_size=600"
         )
     order = first.argsort()
     grid = order.argsort().astype(np.uint8)[which].reshape(pixels.shape)
@@ -69,18 +69,18 @@ def slots_of(picture: NDArray[np.uint8]) -> Slots:
 
 
 def _different(lines: NDArray[Any]) -> NDArray[np.bool_]:
-    """Return which lines differ from the one before, shape (lines,); the first one does."""
+    """Return which lines differ from the line before, shape (lines,); True for the first."""
     new = np.ones(len(lines), np.bool_)
     new[1:] = (lines[1:] != lines[:-1]).any(axis=1)
     return new
 
 
 def scene_of(slots: Slots, height: int, width: int, cell: int = CELL) -> Scene:
-    """Return which slots each block shows.
+    """Return the slots in each block, as a bit set.
 
     Args:
         slots: The slots of a picture.
-        height: The number of rows of the labyrinth, whose cells are square and in the middle.
+        height: The number of rows of the labyrinth, which is centred and has square cells.
         width: The number of columns.
         cell: The number of blocks on each side of a cell.
     """
@@ -99,9 +99,9 @@ def scene_of(slots: Slots, height: int, width: int, cell: int = CELL) -> Scene:
 
 
 def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
-    """Return the cell in the middle of a colour, counted from the top left, row by row.
+    """Return the cell at the middle of a colour, counted from the top left, row by row.
 
-    A colour that is not in the picture counts as in its middle.
+    If the picture lacks the colour, return the cell at the middle of the picture.
 
     Args:
         slots: The slots of a picture.
@@ -121,15 +121,15 @@ def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
 
 
 def shifted(slots: Slots, down: int, right: int) -> Slots:
-    """Return slots moved by some pixels; those at the border are repeated."""
+    """Return slots moved by some pixels; pixels at the border are repeated."""
     places = np.arange(len(slots.rows))
     rows, columns = ((places - by).clip(0, len(places) - 1) for by in (down, right))
     return slots._replace(rows=slots.rows[rows], columns=slots.columns[columns])
 
 
 def grown(slots: Slots, slot: int, by: int) -> Slots:
-    """Return slots of which one has grown by some pixels in all directions, over the others."""
-    # The number of the slot's places above and left of each corner of the grid.
+    """Return slots after growing one by some pixels in all directions, over the others."""
+    # The number of the slot's entries above and left of each corner of the grid.
     before = np.zeros([length + 1 for length in slots.grid.shape], np.int32)
     (slots.grid == slot).cumsum(0, np.int32).cumsum(1, out=before[1:, 1:])
     (rows, (above, below, down)), (columns, (left, right, along)) = (
@@ -144,15 +144,15 @@ def grown(slots: Slots, slot: int, by: int) -> Slots:
 
 
 def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the different ranges of lines that are at most `by` pixels from each pixel.
+    """Return the distinct ranges of lines within `by` pixels of each pixel.
 
     Args:
         lines: The line of each pixel, ascending, shape (side,).
         by: The number of pixels.
 
     Returns:
-        Which range each pixel has, ascending, shape (side,); and the first line, the one after the
-        last, and that of the pixel itself, shape (3, ranges).
+        The range of each pixel, ascending, shape (side,); and for each range the first line, the
+        line after the last, and the pixel's own line, shape (3, ranges).
     """
     places = np.arange(len(lines))
     first, last = (lines[(places + each).clip(0, len(lines) - 1)] for each in (-by, by))
@@ -169,7 +169,7 @@ def masks_of(scenes: NDArray[np.uint16]) -> Tensor:
 
 
 def places_of(masks: Tensor) -> Tensor:
-    """Return how each slot is spread over the cells, shape (N, K, cells); each adds up to 1."""
+    """Return the distribution of each slot over the cells, shape (N, K, cells), with sum 1."""
     shares: Tensor = patches_of(masks).sum((3, 4))
     return shares / shares.sum(2, keepdim=True).clamp(min=1)
 
@@ -178,24 +178,24 @@ def patches_of(blocks: Tensor) -> Tensor:
     """Return the blocks of each cell, shape (N, K, cells, CELL, CELL).
 
     Args:
-        blocks: Any K numbers a block, shape (N, K, rows of blocks, columns of blocks).
+        blocks: K numbers per block, shape (N, K, rows of blocks, columns of blocks).
     """
     tall: Tensor = blocks.unflatten(3, (-1, CELL)).unflatten(2, (-1, CELL))
     return tall.transpose(3, 4).flatten(2, 3)
 
 
 class Surroundings(NamedTuple):
-    """What is around the cells of N pictures, without what moves."""
+    """The surroundings of the cells of N pictures, without the slot that moves."""
 
     others: Tensor
-    """The masks without what moves, and with a margin of a cell, shape (N, K, rows, columns)."""
+    """The masks without the slot that moves, padded by one cell, shape (N, K, rows, columns)."""
     free: Tensor
-    """1 where what moves would not cover what is there, if it were in the middle of three by three
-    cells, shape (N, 3 * CELL, 3 * CELL)."""
+    """1 for each block that the moving slot would not cover if it were in the middle of three by
+    three cells, else 0, shape (N, 3 * CELL, 3 * CELL)."""
 
     @classmethod
     def of(cls, masks: Tensor, movers: Tensor) -> Surroundings:
-        """Return the surroundings in pictures in which some slots, shape (N,), are what moves."""
+        """Return the surroundings in pictures whose moving slots are `movers`, shape (N,)."""
         pictures = torch.arange(len(masks), device=masks.device)
         where = places_of(masks)[pictures, movers].argmax(1)
         body = patches_of(masks)[pictures, movers, where]
@@ -211,18 +211,19 @@ class Surroundings(NamedTuple):
         return rows, columns
 
     def on_ways(self, looks: Tensor, ways: Sequence[tuple[int, int]]) -> Tensor:
-        """Return what is between the middle of each cell and those of its neighbours.
+        """Return the features between the middle of each cell and the middles of its neighbours.
 
-        What moves is taken to be in the cell.
+        The moving slot is assumed to be in the cell.
 
         Args:
-            looks: What each slot counts as, shape (N, K, L).
-            ways: The rows down and columns right to a neighbour, W of them. Those that follow one
-                another are shown turned by a quarter more.
+            looks: The L features of each slot, shape (N, K, L).
+            ways: W directions to neighbours, as rows down and columns right. Each is turned by a
+                quarter more than the one before.
 
         Returns:
-            The most that any slot in a block counts as, and 0 in a block without any, shape
-            (N, cells, W, L, CELL, CELL). A thin wall counts alike with whatever is beside it.
+            The maximum of each feature over the slots in a block, and 0 in a block without slots,
+            shape (N, cells, W, L, CELL, CELL). A slot of few pixels, such as a thin
+            wall, counts in full.
         """
         shown = self.others[:, :, None] > 0
         counts = looks[..., None, None].where(shown, looks.new_tensor(-torch.inf)).amax(1)

@@ -8,7 +8,7 @@ import torch
 from torch import Tensor, nn
 
 SYMMETRIES = range(8)
-"""The numbers of the symmetries: 0 to 3 quarter turns to the left; plus 4, then mirrored."""
+"""Symmetries: 0 to 3 are quarter turns to the left; 4 to 7 are the same, then mirrored."""
 
 
 def transform(pictures: Tensor, symmetry: int) -> Tensor:
@@ -23,7 +23,7 @@ def transform(pictures: Tensor, symmetry: int) -> Tensor:
 
 
 def transformed_actions(symmetry: int) -> list[int]:
-    """Return for each action the equivalent one in transformed pictures."""
+    """Return for each action the equivalent action in transformed pictures."""
     # A quarter turn to the left maps up to left: one less in the order up, right, down, left.
     quarters = [(action - symmetry) % 4 for action in range(4)]
     return [-action % 4 for action in quarters] if symmetry >= 4 else quarters
@@ -32,7 +32,7 @@ def transformed_actions(symmetry: int) -> list[int]:
 class Averaged(nn.Module):
     """A network whose outputs in evaluation mode are averaged over the symmetries of its input.
 
-    The outputs are then the mean logarithms of the actions' probabilities.
+    The averaged outputs are mean log-probabilities of the actions.
     """
 
     def __init__(self, network: nn.Module) -> None:

@@ -246,7 +246,7 @@ def test_what_was_not_used_for_longest_makes_room(data_dir, cache, monkeypatch):
 def test_a_cache_larger_than_the_bound_is_refused_and_others_stay(data_dir, cache, monkeypatch):
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     monkeypatch.setenv(LIMIT_VARIABLE, "0.0001")
-    with pytest.raises(DatasetError, match=f"^the pictures are .* GB, .* higher {LIMIT_VARIABLE}"):
+    with pytest.raises(DatasetError, match=f"^the pictures take .* GB, .* higher {LIMIT_VARIABLE}"):
         load_transitions(data_dir, "3x3", image_size=500, cache_dir=cache)
     assert "3x3-train-8-" in only_folder(cache).name
 

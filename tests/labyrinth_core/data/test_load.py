@@ -240,7 +240,7 @@ def test_a_config_that_is_no_text_is_refused(load, small_dataset, config):
 def test_a_hub_that_cannot_be_reached_gives_one_line(load, tmp_path, monkeypatch):
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_OFFLINE", True)
     monkeypatch.setattr(huggingface_hub.constants, "HF_HUB_CACHE", str(tmp_path))
-    message = r"nobody/labyrinth is no folder \(labyrinth-datasets makes one\), and not .+"
+    message = r"nobody/labyrinth is neither a folder \(labyrinth-datasets makes one\) nor .+"
     with pytest.raises(DatasetError, match=rf"\A{message}\Z"):
         load("nobody/labyrinth", "3x3")
 
@@ -259,7 +259,7 @@ def test_what_is_neither_a_folder_nor_an_id_is_refused_here(load, source, tmp_pa
 
 @pytest.mark.usefixtures("no_network")
 def test_an_id_that_the_hub_forbids_is_refused_here():
-    with pytest.raises(DatasetError, match=r"\Auser/labyrinth\. is no folder .*alphanumeric.+\Z"):
+    with pytest.raises(DatasetError, match=r"\Auser/labyrinth\. is neither .*alphanumeric.+\Z"):
         load_transitions("user/labyrinth.", "3x3")
 
 
@@ -272,7 +272,7 @@ def test_an_id_that_the_hub_forbids_is_refused_here():
     [
         (".", {"config": "9x9"}, f"config=9x9: .* holds {', '.join(CONFIGS)}"),
         ("3x3", {}, "{0}/3x3 is the folder of the config 3x3: give the folder that holds it, {0}"),
-        ("empty", {}, r"config=3x3: .* holds none: a dataset has a manifest\.json, which .*"),
+        ("empty", {}, r"config=3x3: .* holds no dataset: it has no manifest\.json, which .*"),
         (".", {"split": "eval"}, f"split=eval: the dataset has {', '.join(BASE_SPLITS)}"),
     ],
 )
@@ -292,7 +292,7 @@ def test_a_card_that_is_no_yaml_is_none_of_the_loaders_business(data_dir, tmp_pa
     ("there", "holds"),
     [
         (["3x3/manifest.json", "5x5/manifest.json", "old/6x6/manifest.json"], "3x3, 5x5"),
-        (["9x9/train-00000-of-00001.parquet"], r"none: .* manifest\.json, which `push_to_hub` .*"),
+        (["9x9/train-00000-of-00001.parquet"], r"no data.* manifest\.json, which `push_to_hub` .*"),
     ],
 )
 def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch, there, holds):
@@ -348,7 +348,7 @@ def test_a_shard_with_more_rows_than_the_manifest_says_is_not_read(data_dir, tmp
 
 @pytest.mark.parametrize(
     ("count", "message"),
-    [(MOST_ROWS, "every row needs"), (MOST_ROWS + 1, f"a row group of {MOST_ROWS + 1} rows")],
+    [(MOST_ROWS, "every row needs"), (MOST_ROWS + 1, f"a row group has {MOST_ROWS + 1} rows")],
 )
 def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, count, message):
     schema = arrow_schema()

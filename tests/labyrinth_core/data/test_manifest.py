@@ -120,7 +120,7 @@ def test_a_folder_without_manifest_holds_no_finished_dataset(tmp_path: Path) -> 
 
 
 SHARD = "train-00000-of-00001.parquet"
-NO_SHARD = "no split 'train' has a shard"
+NO_SHARD = "split 'train' cannot have a shard"
 
 
 def with_shard(content: Any, **values: Any) -> Any:
@@ -142,7 +142,7 @@ def with_shard(content: Any, **values: Any) -> Any:
         ),
         (
             lambda content: with_shard(content, split="eval", path="eval-00000-of-00001.parquet"),
-            "no split 'eval'",
+            "split 'eval' cannot",
         ),
         (lambda content: content | {"format": 1}, "its format is 1, not 2"),
         (lambda content: {k: v for k, v in content.items() if k != "labyrinths"}, "labyrinths"),

@@ -281,7 +281,7 @@ def test_a_state_or_epoch_that_cannot_be_is_refused(folders):
     state = stream.state_dict()
     for wrong in ({}, state | {"item": -1}, state | {"epoch": "1"}, {**state, "more": 1}):
         with pytest.raises(
-            ValueError, match=r"\Aload_state_dict: .* is not what state_dict gave\Z"
+            ValueError, match=r"\Aload_state_dict: .* is not a result of state_dict\Z"
         ):
             stream.load_state_dict(wrong)
     same = {"shuffle": 30}

@@ -156,7 +156,7 @@ def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays
     assert scores.episodes.outcomes.shape == (300, 5)
     assert scores.sr == pytest.approx(exact["sr"], abs=0.02)
     assert scores.aer == pytest.approx(exact["aer"], abs=0.1)
-    assert "300 episodes a labyrinth, by steps" in str(results)
+    assert "300 episodes per labyrinth, by steps" in str(results)
 
 
 @pytest.mark.parametrize("make", [lambda: chance, Chance])
@@ -248,7 +248,7 @@ def test_texts_are_the_labyrinth_in_the_language_with_the_agent_in_it(datasets):
 
     results = evaluate(policy, datasets, "3x4", observation="text", splits=["test"])
     assert results.image_size is None
-    assert "text, one episode a labyrinth, by look-ups" in str(results)
+    assert "text, one episode per labyrinth, by look-ups" in str(results)
     begins = {dump(each) for each in load_arrays(datasets, "3x4", "test").labyrinths}
     assert begins < {text.replace("@", "S") for text in shown}
 
@@ -289,9 +289,9 @@ class Raising:
         (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
         (lambda seen: seen.sort(), "answered NoneType to 48 observations"),
         (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(48,\) to 48 observations"),
-        (lambda seen: (seen, [1, 2], None), "answered tuple, which is no array"),
-        (lambda seen: torch.zeros(len(seen), 4, device="meta"), "answered Tensor, which is no arr"),
-        (lambda _: Raising(), "answered Raising, which is no array"),
+        (lambda seen: (seen, [1, 2], None), "answered tuple, which is not an array"),
+        (lambda seen: torch.zeros(len(seen), 4, device="meta"), "answered Tensor, which is not "),
+        (lambda _: Raising(), "answered Raising, which is not an array"),
         (lambda _: Raising().fail(), "raised UnprintableError: UnprintableError when given uint8"),
         (lambda _: sys.exit(0), "raised SystemExit: 0 when given uint8"),
     ],
@@ -309,7 +309,7 @@ def test_a_broken_policy_is_told_what_came_back_and_what_is_wanted(datasets, pol
     [
         (None, "NoneType: give an array with a row for each of the 5 episodes"),
         ([object()] * 5, "list: give an array"),
-        ([[1], [2, 3]] * 5, "list, which is no array"),
+        ([[1], [2, 3]] * 5, "list, which is not an array"),
         (np.zeros(4), r"float64 of shape \(4,\): give an array"),
         (7, r"int64 of shape \(\): give"),
     ],
@@ -468,12 +468,12 @@ def test_a_policy_is_shown_what_it_says_and_told_the_labyrinths(datasets, stated
         (
             {"observation": "vector"},
             {"observation": "image"},
-            "looks at observation=vector, and is",
+            "needs observation=vector, but is",
         ),
         (
             {"image_size": 20},
             {"image_size": 64},
-            "image_size=20 at 3x4, and is shown image_size=64",
+            "image_size=20 at 3x4, but is shown image_size=64",
         ),
         ({"image_size": 601}, {}, "the policy asks for image_size=601 at 3x4: a whole number"),
         ({"image_size": True}, {}, "the policy asks for image_size=True at 3x4: a whole number"),

@@ -76,6 +76,6 @@ class Selects(torch.nn.Module):
 
 
 def test_a_policy_of_lerobot_is_refused_without_its_processors(datasets):
-    message = r"give one of LeRobot with its processors, as examples/lerobot_policy\.py does"
+    message = r"give a LeRobot policy with its processors, as examples/lerobot_policy\.py does"
     with pytest.raises(PolicyError, match=message):
         evaluate(Selects(), datasets, "3x4", image_size=8)

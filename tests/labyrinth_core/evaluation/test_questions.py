@@ -63,7 +63,7 @@ def test_all_seventy_routes_through_no_walls_are_listed_in_the_order_of_the_move
     [
         (
             Labyrinth(Structure.without_walls(3, 3), 0, 8, Task.PARTIAL_OBSERVABILITY),
-            "the agent does not see it",
+            "hidden from the agent",
         ),
         (
             Labyrinth(Structure.without_walls(8, 8), 0, 63, Task.NAVIGATION),

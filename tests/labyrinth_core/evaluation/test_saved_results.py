@@ -140,7 +140,7 @@ def test_what_could_not_be_read_again_is_not_saved(results, tmp_path, make, abou
     "name", ["random", " Oracle", "FIXED path", "fixed_path", "route memory ", "replanner"]
 )
 def test_no_policy_is_called_as_a_baseline_is(results, content, read, tmp_path, name):
-    told = f"name={name}: a baseline is called so; choose another name"
+    told = f"name={name}: a baseline has this name; choose another"
     with pytest.raises(ValueError, match=rf"\A{told}\Z"):
         results.save(tmp_path / "mine.json", name=name)
     content["method"]["name"] = name
@@ -182,7 +182,7 @@ def forge(told, number, outcome, moves, cells=9):
         ("s", "s", 9, "more than 8 moves to an end by look-ups: solved after 9 moves, .*"),
         ("s", "s", 7, "a detour of an odd number of moves: solved after 7 moves, .*"),
         ("[lw]", "w", 17, "a failure before the limit of 360 moves: wall after 17 moves, .*"),
-        ("[lw]", "i", 8, "an end on ice, which this task has not: ice after 8 moves, .*"),
+        ("[lw]", "i", 8, "an end on ice, which this task does not have: ice after 8 moves, .*"),
     ],
 )
 def test_an_episode_that_cannot_be_is_refused_though_its_figures_add_up(
@@ -200,14 +200,14 @@ OTHER = r"labyrinth 1 is [0-9a-f]{16}, but [0-9a-f]{16} in .*/3x3"
 @pytest.mark.parametrize(
     ("part", "change", "why", "possible"),
     [
-        ("labyrinth_ids", lambda ids: ids[1:] + ids[1:2], "labyrinth .* is there twice", False),
+        ("labyrinth_ids", lambda ids: ids[1:] + ids[1:2], "labyrinth .* is listed twice", False),
         ("labyrinth_ids", lambda ids: ids[1::-1] + ids[2:], OTHER, True),
         ("distance", lambda far: [9, *far[1:]], f"{FIRST} a shortest route of .*", False),
         ("distance", lambda far: [2, *far[1:]], f"{FIRST} a .* of 2 moves, but of .*/3x3", True),
         (
             "known_route",
             lambda marks: str(1 - int(marks[0])) + marks[1:],
-            "known_route does not say which routes train of .*/3x3 demonstrates",
+            "known_route does not match the routes that train of .*/3x3 demonstrates",
             True,
         ),
     ],
@@ -231,7 +231,7 @@ def test_an_end_on_ice_is_as_far_away_as_there_is_ice(datasets, read):
     told, right = content["splits"]["test"], known.split("test")
     even, odd = right.to_ice[0].tolist()
     assert (even, odd) == (481, 3)  # More than the limit: no ice is an even number of moves away.
-    for moves, why in ((1, "which is farther away"), (4, "where so many moves lead to none")):
+    for moves, why in ((1, "which is farther away"), (4, "which so many moves cannot reach")):
         forge(told, 0, "i", moves, 12)
         refused(read, content, known, f"test: {FIRST} ice, {why}: ice after .*")
     forge(told, 0, "i", 5, 12)
@@ -244,13 +244,13 @@ def test_by_look_ups_there_is_no_detour_in_a_labyrinth_without_a_loop(content, k
     forge(told, loop, "s", 8)
     read(content, known)
     forge(told, single, "s", int(right.distance[single]) + 2)
-    refused(read, content, known, f"test: {FIRST} a detour, where only one route leads on: .*")
+    refused(read, content, known, f"test: {FIRST} a detour, but only one possible route: .*")
 
 
 @pytest.mark.parametrize("share", [0.123, None])
 def test_an_accuracy_is_a_share_of_the_states_of_the_split(content, known, read, share):
     content["splits"]["test"]["accuracy_elsewhere"] = share
-    refused(read, content, known, f"test: accuracy_elsewhere is {share}, which is no share of .*")
+    refused(read, content, known, f"test: accuracy_elsewhere is {share}, which is not a share .*")
     read(content)
 
 
@@ -272,9 +272,9 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("kind", "results", "it.kind is 'results', not 'labyrinth-results'"),
         ("format", 1, "it.format is 1, not 2"),
         ("method.name", " ", "name=' ': say what the policy is called"),
-        ("method.name", "a\u202eb", "name=.* all of which can be seen"),
-        ("method.author", "a\nb", "author=.* one line of 300 characters at most, .*"),
-        ("method.budget", "a" * 301, "budget=.* one line of 300 characters at most, .*"),
+        ("method.name", "a\u202eb", "name=.* printable characters"),
+        ("method.author", "a\nb", "author=.* one line of at most 300 printable .*"),
+        ("method.budget", "a" * 301, "budget=.* one line of at most 300 printable .*"),
         ("method.url", "javascript:alert(1)", "url=.*: give an address such as https://.*"),
         ("method.date", "2026-02-31", "date=2026-02-31: give a day such as 2026-11-30"),
         ("method.date", "yesterday", "date=yesterday: give a day such as 2026-11-30"),
@@ -282,21 +282,21 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("method.details", {"steps": -1}, "it.method.details.steps is -1, not .*"),
         ("method.details", [], r"it.method.details is \[\], not an object"),
         ("method", None, "it.method is None, not an object with name, .*"),
-        ("dataset.config", "3x3-lava", "config=3x3-lava: there is none of this name"),
-        ("dataset.config", "03x3", "config=03x3: there is none of this name"),
+        ("dataset.config", "3x3-lava", "config=3x3-lava: there is no such config"),
+        ("dataset.config", "03x3", "config=03x3: there is no such config"),
         ("dataset.config", "../3x3", "it.dataset.config is '../3x3', not .*"),
         ("dataset.fingerprint", "1" * 64, "it is of another dataset than .*/3x3: .*"),
         ("dataset.fingerprint", "1" * 63, "it.dataset.fingerprint is '1+, not .*"),
-        ("evaluated.episodes", 2, "episodes=2: a policy has one in each .* by look-ups"),
+        ("evaluated.episodes", 2, "episodes=2: look-ups give one .*"),
         ("evaluated.way", "guesses", "it.evaluated.way is 'guesses', not .*"),
-        ("evaluated.way", "steps", "[a-z0-9_]+: accuracy_on_demonstrations is .*, which a .*"),
+        ("evaluated.way", "steps", "[a-z0-9_]+: accuracy_on_demonstrations is .*, which only .*"),
         ("evaluated.seed", 2**64, "it.evaluated.seed is 18446744073709551616, not .*"),
         ("evaluated.image_size", 64, "image_size=64: observation=vector has none"),
         ("evaluated.version", "=1+1|", r"it.evaluated.version is '=1\+1\|', not .*"),
         ("splits", {}, "it has no results on train, validation, .*"),
         ("splits.exam", {}, "a name in it.splits is 'exam', not .*"),
-        ("splits.test.sr", float("nan"), "NaN is no number of JSON"),
-        ("splits.test.aer", float("inf"), "Infinity is no number of JSON"),
+        ("splits.test.sr", float("nan"), "NaN is not a JSON number"),
+        ("splits.test.aer", float("inf"), "Infinity is not a JSON number"),
         ("splits.test.aer", -(10**400), "test: aer is -1000.*"),
         ("splits.test.sr", True, "test: sr is True, but .*"),
         ("splits.test.sr_interval", [0.5], r"test: sr_interval is \[0.5\], but .*"),
@@ -355,7 +355,7 @@ def test_a_large_file_is_refused_before_its_figures_are_computed(content, known,
         ("", ".*Expecting value.*"),
         ("[" * 100_000, ".*recursion.*"),
         ("[]", "it is .*, not an object with kind, .*"),
-        ('{"kind": 1, "kind": 2}', "'kind' is there twice in one object"),
+        ('{"kind": 1, "kind": 2}', "'kind' appears twice in one object"),
         ("\udcff", ".*codec can't decode.*"),
     ],
 )

@@ -75,7 +75,7 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
     run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
     record = (run / "run.json").read_text(encoding="utf-8")
-    told = f"{run} is no run of a policy: "
+    told = f"{run} holds no trained policy: "
     for old, new, reason in (
         ('"channels": 32', '"channels": 1e9', "planner.channels is 1000000000.0, not a whole num"),
         ('"settings"', '"others"', "'settings'"),
@@ -150,8 +150,8 @@ def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
     assert np.array_equal(first.outcomes, second.outcomes)
     assert np.array_equal(first.moves, second.moves)
     for options, message in (
-        ({"image_size": 64}, "pictures of image_size=600 at 3x3, and is shown image_size=64"),
-        ({"observation": "vector"}, "looks at observation=image, and is shown vector"),
+        ({"image_size": 64}, "needs image_size=600 at 3x3, but is shown image_size=64"),
+        ({"observation": "vector"}, "needs observation=image, but is shown vector"),
     ):
         with pytest.raises(PolicyError, match=message):
             evaluate(loaded, small_dataset.data_dir, "3x3", splits=["test"], **options)
@@ -181,7 +181,7 @@ def test_a_planner_is_shown_cells_of_as_many_pixels_as_it_was_trained_on(
     assert [policy.image_size(*each) for each in ((5, 5), (10, 10), (3, 3))] == [64, 128, 38]
     assert evaluate(policy, small_dataset.data_dir, "3x3", splits=["test"]).image_size == 38
     check_not_shown(policy, datasets, "3x4", "the policy is a planner with grid_prior=true, which")
-    told = "looks at pictures of image_size=38 at 3x3, and is shown image_size=64"
+    told = "needs image_size=38 at 3x3, but is shown image_size=64"
     check_not_shown(policy, small_dataset.data_dir, "3x3", told, image_size=64)
     told = r"the policy asks for image_size=1280 at 100x100: a whole number of pixels from 1 to 600"
     with pytest.raises(PolicyError, match=told):
@@ -206,7 +206,7 @@ def test_a_policy_of_vectors_is_shown_those_that_it_was_trained_on_or_none(
         assert evaluate(policy, datasets, config, splits=["test"]).observation == "vector"
         assert compare(policy, policy, datasets, config, most=1).labyrinths == 1
         return
-    told = f"the policy looks at vectors of .*, icy_floor: those of 3x4, {task}, have another mean"
+    told = f"the policy needs vectors of .*, icy_floor: those of 3x4, {task}, have another layout"
     check_not_shown(policy, datasets, config, told)
     with pytest.raises(PolicyError, match=told):
         compare(policy, policy, datasets, config)
@@ -239,7 +239,7 @@ def test_a_run_whose_network_has_an_option_that_went_is_refused_in_one_line(tmp_
     path = folder / POLICY
     save_file(load_file(path), path, {"network": json.dumps(of_earlier)})
     told = "network is {'encoder': 'cnn', 'pool_stride': 1, "
-    check_refused(folder, f"{folder} is no run of a policy: {told}")
+    check_refused(folder, f"{folder} holds no trained policy: {told}")
 
 
 def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_in_each(
@@ -277,7 +277,7 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
     for shown in ("vector", "text"):
         with pytest.raises(PolicyError) as caught:
             evaluate(policy, small_dataset.data_dir, "3x3", observation=shown, splits=["test"])
-        told = f"the policy looks at observation=image, and is shown {shown}"
+        told = f"the policy needs observation=image, but is shown {shown}"
         assert str(caught.value) == told
 
 
@@ -298,7 +298,7 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
         ("planner", None, "planner is None, not an object with path_prior, "),
         ("planner.channels", 10**6, "planner.channels is 1000000, not a whole number from 1"),
         ("planner.iterations", 1.5, "planner.iterations is 1.5, not a whole number from 1 to"),
-        ("planner.sharpness", float("nan"), "NaN is no number of JSON"),
+        ("planner.sharpness", float("nan"), "NaN is not a JSON number"),
         ("planner.grid_prior", "yes", "planner.grid_prior is 'yes', not one of True, False"),
         ("auto_map", {"AutoModel": "evil.py"}, "it is {'kind': 'labyrinth-policy', "),
     ],
@@ -320,7 +320,7 @@ def test_a_description_with_a_wrong_value_is_refused_in_one_line(
         ({"mapper": None}, "mapper is None, not an object with channels, looks"),
         ({"format": 2}, "format is 2, not 1"),
         ({"image_size": 64}, "image_size is 64, not 600"),
-        ({"average": True}, "average is True, but a mapper looks at a picture in one way"),
+        ({"average": True}, "average is True, but a mapper does not average over symmetries"),
     ],
 )
 def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(
@@ -372,7 +372,7 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
         file.truncate(MOST_BYTES[WEIGHTS] + 1)
     check_refused(released, f"{path} has 268,435,457 bytes, more than 268,435,456")
     path.unlink()
-    check_refused(released, f"{path} is not there: the folder holds no policy")
+    check_refused(released, f"{path} does not exist: the folder holds no policy")
 
     of_another = f"{path} is of another network: "
     save_file({each: right[each] for each in right if each != name}, path)
@@ -404,7 +404,7 @@ def check_refused(folder: Path | str, message: str) -> None:
     [
         ("no/folder/at/all", "no/folder/at/all is neither a folder nor an id such as user/pla"),
         ("user/absent", "user/absent is not a folder, and cannot be loaded from the Hub: "),
-        (".", "config.json is not there: the folder holds no policy, published or of a run"),
+        (".", "config.json does not exist: the folder holds neither a published policy nor a run"),
     ],
 )
 def test_what_is_not_there_is_refused_in_one_line(

@@ -142,7 +142,7 @@ def test_the_policy_of_a_run_is_shown_its_vectors_without_being_asked(run_of, fo
     results = folder / "runs" / "3x3" / "mlp"
     assert Results.load(results / "results.json").observation == "vector"
     assert len([*(results / "attempts").glob("*.gif")]) == 1
-    with pytest.raises(PolicyError, match="looks at observation=vector, and is shown text"):
+    with pytest.raises(PolicyError, match="needs observation=vector, but is shown text"):
         stage.run(run_of("./mlp", observation="text"))
 
 

@@ -259,7 +259,7 @@ def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
     """Its files are those of somebody else, under the names that a manifest gives."""
     theirs, manifest = tmp_path / "theirs" / "3x3", small_dataset.folder / MANIFEST
     theirs.mkdir(parents=True)
-    with pytest.raises(DatasetError, match=r"config=3x3: .* holds none"):
+    with pytest.raises(DatasetError, match=r"config=3x3: .* holds no dataset"):
         export(small_dataset, tmp_path / "exports", format_, dataset=str(theirs.parent))
     content = json.loads(manifest.read_bytes())
     (shard,) = (shard for shard in content["shards"] if shard["split"] == "train")

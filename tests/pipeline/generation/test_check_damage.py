@@ -43,7 +43,7 @@ def test_a_file_that_may_be_huge_is_not_read(
 ) -> None:
     if wrong == "groups":
         monkeypatch.setattr(reading, "MOST_ROWS", 5)
-        expected = "a row group of "
+        expected = "a row group has "
     else:
         expected = "rows "
         with manifest_of(folder) as content:

@@ -146,7 +146,7 @@ def test_nothing_of_a_user_is_lost_and_a_hidden_labyrinth_is_not_asked_about(
     questions.run(copied)
     assert (folder / TEST).is_file()
     hidden = build(tmp_path / "hidden", labyrinths=2, task="partial_observability")
-    with pytest.raises(DatasetError, match="the agent does not see it"):
+    with pytest.raises(DatasetError, match="hidden from the agent"):
         questions.run(hidden)
     assert sorted(path.name for path in hidden.data_dir.iterdir()) == [
         "3x3-partial_observability",

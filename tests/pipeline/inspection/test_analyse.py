@@ -242,7 +242,7 @@ def parquet_of(texts):
         ("a.csv", b"", "a.csv: the name of a file must end in .labyrinth, .npy"),
         ("folder", parquet_of(["no labyrinth"]), "train info: not a labyrinth: "),
         ("folder", parquet_of([1]), "every row needs a text"),
-        ("nobody/nothing", None, "nobody/nothing is no folder"),
+        ("nobody/nothing", None, "nobody/nothing is neither a folder"),
     ],
 )
 def test_a_source_without_labyrinths_is_refused_in_one_line(

@@ -221,7 +221,7 @@ def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
 @pytest.mark.parametrize(
     ("place", "value", "why"),
     [
-        (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not say"),
+        (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not ma"),
         (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
         (("baselines", "oracle"), None, "is refused: train: the figures of the baseline oracle "),
         (("run", "training", "epochs"), 99, "describes another training than run.json"),

@@ -69,7 +69,7 @@ def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_pat
         ("season", {"date": "2026-13-30"}, "season.date=2026-13-30: give the day on which the"),
         ("judge", {"submission": ""}, "season.submission=: give the policy to judge"),
         ("judge", {"submission": "a.zip"}, "season.submission=a.zip: give an id on the Hub"),
-        ("judge", {"submission": "Oracle"}, "season.submission: name=Oracle: a baseline is calle"),
+        ("judge", {"submission": "Oracle"}, "season.submission: name=Oracle: a baseline has this"),
     ],
 )
 def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, options, message):
