@@ -9,7 +9,7 @@ from pipeline.config.option import option
 
 @dataclass(frozen=True)
 class LeakageOptions:
-    """A dataset from elsewhere, to be analysed instead of the dataset of the run."""
+    """A dataset to analyse instead of the dataset of the run."""
 
     source: str | None = option(
         None,

@@ -1,4 +1,4 @@
-"""The options that determine what a dataset is."""
+"""The options that determine the content of a dataset."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 
 ALL_SHIFTS = "all"
-"""The word for every shift that the other options allow."""
+"""The value of `shifts` that stands for every shift that the other options allow."""
 
 
 @dataclass(frozen=True)
 class BucketsConfig:
-    """The share of each split; the same for datasets that are to be compared."""
+    """The share of structures for each split; keep it the same in datasets to compare."""
 
     train: int = option(34, "percent of all structures that may be in train")
     validation: int = option(33, "percent of all structures that may be in validation")
@@ -45,7 +45,7 @@ class DemonstrationsConfig:
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """What a dataset is; `DatasetConfig` checks the values."""
+    """The content of a dataset; `DatasetConfig` checks the values."""
 
     size: str = option("5", "rows and columns: 5, or height x width such as 4x6")
     task: str = option(
@@ -86,13 +86,13 @@ class DatasetOptions:
 
 
 def dataset_config(options: DatasetOptions) -> DatasetConfig:
-    """Return what determines the rows of the dataset.
+    """Return the configuration that determines the rows of the dataset.
 
-    An option of `splits` and `demonstrations` is a field of the same name there, as are all others
-    but the size.
+    Each option, also of `splits` and `demonstrations`, becomes the field of the same name; `size`
+    becomes `height` and `width`.
 
     Raises:
-        ConfigError: A value is impossible.
+        ConfigError: A value is invalid.
     """
     check_options(options, DatasetOptions)
     try:
@@ -105,7 +105,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             values["labyrinths"] = 32 if (height, width) == (3, 3) else 100
         if options.open_walls is None:
             values["open_walls"] = default_open_walls(height, width)
-        for name in ("open_walls", "noise"):  # Hydra leaves a 1 a whole number.
+        for name in ("open_walls", "noise"):  # Hydra passes 1 as an int.
             values[name] = float(values[name])
         config = DatasetConfig(height=height, width=width, **values | {"shifts": ()})
         return replace(config, shifts=_shifts(config, options.shifts))
@@ -114,10 +114,10 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
 
 
 def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the shifts that are asked for, in their order; `all` stands for those possible.
+    """Return the requested shifts in the order of `SHIFTS`; `all` gives every possible one.
 
     Raises:
-        ValueError: `all` stands beside others.
+        ValueError: `all` is combined with others.
     """
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)

@@ -1,4 +1,4 @@
-"""Options that are no longer there, and values of options: what to do instead."""
+"""Removed options and values of options, each with what to do instead."""
 
 from __future__ import annotations
 
@@ -26,11 +26,11 @@ GONE = {
 
 
 def instead(name: str, *values: object) -> str | None:
-    """Return one line on an option or one of its values that is no longer there, else None.
+    """Return one line about an option or value that was removed, or None if none was.
 
     Args:
-        name: The whole name of an option, such as `analysis.seeds`.
-        values: The values that were given.
+        name: The full name of an option, such as `analysis.seeds`.
+        values: The values given for it.
     """
     for given in (name, name.partition(".")[0], *(f"{name}={value}" for value in values)):
         if given in GONE:

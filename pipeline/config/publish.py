@@ -16,7 +16,7 @@ _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 
 def _id(kind: str, purpose: str, example: str) -> Any:
-    """Declare the id of a repository on the Hub, empty for none."""
+    """Declare an option for the id of a repository on the Hub, empty by default."""
     return option(
         "",
         f"{kind} on the Hub{purpose}, such as {example}",
@@ -50,12 +50,12 @@ class PublishOptions:
 def check_publish(
     publish: PublishOptions, export: ExportOptions, training: TrainingOptions
 ) -> None:
-    """Raise a ConfigError if an option of what is published is impossible, or missing.
+    """Raise a ConfigError if an option for publishing is invalid or missing.
 
     Args:
         publish: The options of publishing.
-        export: Those of the export that is published.
-        training: Those of the run whose policy is published, and of the dataset.
+        export: The options of the export to publish.
+        training: The options of the run whose policy is published, and of the dataset.
     """
     of_dataset = bool(publish.model or publish.env)
     check(

@@ -1,6 +1,6 @@
-"""One run of the program: its options, and what was made of them.
+"""One run of the program: its options, and the objects made from them.
 
-Hydra and OmegaConf stop here: `resolve` gives an object that the rest of the pipeline trusts.
+Hydra and OmegaConf stop here: `resolve` returns an object that the rest of the pipeline trusts.
 """
 
 from __future__ import annotations
@@ -135,24 +135,24 @@ KINDS = {name: kind for name, _, kind in declared(RunConfig)}
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the program: its options, and what was made of them."""
+    """One run of the program: its options, and the objects made from them."""
 
     options: RunConfig
-    """Those of the stages that are asked for are checked."""
+    """All options; those that the requested stages use have been checked."""
     dataset: DatasetConfig
     data_dir: AnyPath
     names_dataset: bool = False
-    """Whether the command line names the size or the task, which stages of all datasets ask."""
+    """Whether the command line gives `size` or `task`; see `machinery.dataset.check_there`."""
 
     @property
     def part(self) -> tuple[int, int] | None:
-        """The part of the build that this process makes, and the number of all parts."""
+        """The part that this process builds and the number of parts, such as (3, 64), if given."""
         part, _, parts = self.options.part.partition("/")
         return (int(part), int(parts)) if part else None
 
     @property
     def folder(self) -> AnyPath:
-        """Where the dataset of this run lies."""
+        """The folder of the run's dataset."""
         return self.data_dir / self.dataset.name
 
     @property
@@ -163,7 +163,7 @@ class Run:
 
     @property
     def dataset_on_hub(self) -> tuple[str, str | None]:
-        """The id on the Hub, and the revision, of the dataset that what is published is of."""
+        """The Hub id and the revision of the dataset behind a published policy or environment."""
         publish = self.options.publish
         if publish.repo_id:
             return publish.repo_id, publish.version
@@ -171,7 +171,7 @@ class Run:
 
     @property
     def run_name(self) -> RunName:
-        """What tells the run of training from others on the same dataset."""
+        """The name that distinguishes the training run from others on the same dataset."""
         options = self.options
         return RunName(
             method=options.method_title,
@@ -183,18 +183,18 @@ class Run:
 
     @property
     def training_folder(self) -> Path:
-        """Where the policy lies that is trained."""
+        """The folder of the trained policy."""
         return Path(self.options.run_dir).expanduser() / self.dataset.name / self.run_name.name
 
     @property
     def export_folder(self) -> Path:
-        """Where the exports of the dataset lie, in a folder for each split."""
+        """The folder of the dataset's exports, with a subfolder for each split."""
         asked = self.options.export
         return Path(asked.folder).expanduser() / asked.format / NAMESPACE / self.dataset.name
 
     @property
     def local_dir(self) -> Path:
-        """The data_dir, for stages that need it on this machine; ConfigError if it is elsewhere."""
+        """The data_dir as a local folder; raises a ConfigError if it is in an object store."""
         if isinstance(self.data_dir, RemotePath):
             raise ConfigError(f"data_dir={self.data_dir}: report and publish need a local folder")
         return self.data_dir
@@ -205,17 +205,17 @@ def options_of(config: DictConfig) -> RunConfig:
 
     Raises:
         ConfigError: An option that does not exist was added as `+name=value`.
-        OmegaConfBaseException: A value is of another kind, or refers to what is not there.
+        OmegaConfBaseException: A value has the wrong type, or refers to a missing value.
     """
     values: Any = OmegaConf.to_container(config, resolve=True)
     return frozen(RunConfig, values)
 
 
 def resolve(options: RunConfig) -> Run:
-    """Return the run that options ask for.
+    """Check the options and return the run that they describe.
 
     Raises:
-        ConfigError: A value is impossible; the text says what was given and what is allowed.
+        ConfigError: A value is invalid; the message says what was given and what is allowed.
     """
     check_options(options, PlaceOptions)
     check(
@@ -235,7 +235,7 @@ def resolve(options: RunConfig) -> Run:
         f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
     )
     if isinstance(data_dir, Path) and options.executor != "local":
-        data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
+        data_dir = data_dir.absolute()  # A cluster's workers may have another working directory.
     run = Run(options, dataset_config(options), data_dir)
     if run.part is not None:
         part, parts = run.part
@@ -243,7 +243,7 @@ def resolve(options: RunConfig) -> Run:
             part <= parts, f"part={options.part}: give a part from 1 to {parts}, such as 1/{parts}"
         )
         check("build" in options.stages, f"part={options.part}: only stages=build has parts")
-        # The other stages need the whole dataset, which the last run puts together.
+        # The other stages need the whole dataset, which the last run, without part, assembles.
         run = replace(run, options=replace(options, stages=("build",)))
         options = run.options
     check_method(options)

@@ -38,7 +38,7 @@ class SeasonOptions:
 
 
 def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: str) -> None:
-    """Raise a ConfigError if an option is impossible, or missing for one of the stages."""
+    """Raise a ConfigError if an option is invalid, or missing for one of the stages."""
     check_options(options, SeasonOptions, "season.")
     check(
         "season" not in stages or is_day(options.date),

@@ -1,6 +1,6 @@
 """The options of the stages `train`, `evaluate` and `results`.
 
-Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
+This module does not import torch, so that `labyrinth-datasets --help` stays quick.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
-"""The folder of the configuration: in the installed package, or else in the clone."""
+"""Hydra's configuration folder: in the installed package, or else in the clone."""
 
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 """The modules of the methods in `pipeline.training.methods`."""
 
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
-"""Pixels on each side of what the baselines look at (supplement, section 1)."""
+"""Pixels on each side of the baselines' input (supplement, section 1)."""
 
 SUBMISSIONS = "submissions"
-"""The folder in `results_dir` that holds results of others' policies."""
+"""The folder in `results_dir` for the results of submitted policies."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Protocol:
     resize: str
     """One of `data.observations.RESIZES`: `area` keeps every wall, `original` does not."""
     evaluate_every: int | None = None
-    """The number of epochs after which the policy is tried; None for that of the method."""
+    """The number of epochs between evaluations; None for the method's own."""
     patience: float = inf
-    """Evaluations without a better validation SR after which training stops."""
+    """The number of evaluations without a better validation success rate that end training."""
     first_of_equals: bool = False
-    """Whether the first of several equally good policies is kept, and not the latest."""
+    """Whether to keep the first of several equally good policies instead of the latest."""
 
 
 PROTOCOLS = {
@@ -54,14 +54,14 @@ PROTOCOLS = {
     "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
     "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"], first_of_equals=True),
 }
-"""The first two keep the policy with the best SR on validation.
+"""`default` and `paper` keep the policy with the best success rate on validation.
 
-`default` spends the whole budget, and shrinks pictures without losing walls. `paper` shows the
-authors' thin walls, resized as they do, without antialiasing, so that most walls vanish. It stops
-like a public script of theirs that trains BC: the policy is tried on the validation labyrinths
-every ten epochs, and training ends after five trials without a better success rate, or after the
-method's epochs (a thousand there). Here the other methods follow the same rule. `authors` is for
-the six methods of the authors' later code, which have their own settings and selection, and are in
+`default` trains for the method's whole budget, and shrinks pictures without losing walls. `paper`
+resizes the authors' thin walls as they do, without antialiasing, so that most walls vanish. It
+stops training like the authors' public script for BC: after five evaluations on the validation
+labyrinths, ten epochs apart, without a better success rate, or after the method's epochs (a
+thousand in that script). Here the other methods follow the same rule. `authors` is for the six
+methods of the authors' later code, which have their own settings and selection, and are in
 scripts/studies/methods/authors.
 """
 
@@ -134,7 +134,7 @@ class TrainingOptions:
 
     @property
     def method_title(self) -> str:
-        """The name of the method in tables: of its class, or of the module of a class `Method`."""
+        """The method's name in tables: its class, or its module if the class is `Method`."""
         module, _, name = self.method_name.partition(":")
         found = name.rpartition(".")[2]
         return module.rpartition(".")[2] if found in ("", "Method") else found
@@ -151,7 +151,7 @@ class TrainingOptions:
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """How the policy is shown labyrinths that `policy` names, and what its results say of it."""
+    """How the policy that `policy` names is evaluated, and how its results describe it."""
 
     image_size: int | None = option(
         None,
@@ -190,7 +190,7 @@ class EvaluationOptions:
 
 
 def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> None:
-    """Raise a ConfigError if an option of the policy that is named is impossible."""
+    """Raise a ConfigError if an option for evaluating `policy` is invalid."""
     check_options(options, TrainingOptions)
     check(
         not options.evaluate_on,
@@ -200,7 +200,7 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
 
 
 def check_training(options: TrainingOptions) -> None:
-    """Raise a ConfigError if an option is impossible."""
+    """Raise a ConfigError if an option for training is invalid."""
     name, seen = options.method_name, options.observation
     check_options(options, TrainingOptions)
     check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
@@ -217,7 +217,7 @@ def check_training(options: TrainingOptions) -> None:
 
 
 def check_method(options: TrainingOptions) -> None:
-    """Raise a ConfigError if the option is neither a method of ours nor of the form of another."""
+    """Raise a ConfigError unless `method` is in `METHODS` or has the form `module:Class`."""
     name = options.method_name
     allowed = f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own"
     check(
@@ -227,18 +227,18 @@ def check_method(options: TrainingOptions) -> None:
 
 
 def named(option: str, name: str) -> Any:
-    """Return what `module:name` stands for, in a module of the working directory or installed.
+    """Import and return the object `module:name`, from the working directory or as installed.
 
     Args:
-        option: The option that names it, for the error.
+        option: The option that names the object, for the error message.
         name: The module and, after a colon, the name in it, which may have dots.
 
     Raises:
-        ConfigError: There is no such module, or no such name in it.
+        ConfigError: The module, or the name in it, does not exist.
     """
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
-    if here not in sys.path:  # As for `python -m`; the installed command has its own folder there.
+    if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.
         sys.path.insert(0, here)
     try:
         found: Any = import_module(module)
@@ -255,7 +255,7 @@ def named(option: str, name: str) -> Any:
 
 
 def check_run(run: RunName, observation: str) -> None:
-    """Raise a ConfigError if no method makes a run of this name for an observation."""
+    """Raise a ConfigError if no method makes a run of this name with this observation."""
     check(
         run.protocol in PROTOCOLS,
         f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}",
