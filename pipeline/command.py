@@ -43,13 +43,13 @@ from pipeline.machinery.ending import (
 from pipeline.machinery.executor import cluster
 from pipeline.machinery.hints import hints
 
-INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
+INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 
-  labyrinth-datasets size=5                                      make, check, analyse, describe it
-  labyrinth-datasets stages=report                               look at it, in a browser
-  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc  learn from it, in minutes
-  labyrinth-datasets size=5 stages=evaluate policy=my:policy     judge a policy of your own
-  labyrinth-datasets stages=results                              compare what was evaluated
+  labyrinth-datasets size=5                                      make, check and describe a dataset
+  labyrinth-datasets stages=report                               look at it in a browser
+  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc  train a policy on it, in minutes
+  labyrinth-datasets size=5 stages=evaluate policy=my:policy     evaluate a policy of your own
+  labyrinth-datasets stages=results                              compare all evaluated policies
   labyrinth-datasets stages=publish publish.repo_id=you/labyrinth publish.version=1.0.0
 
 --help lists the options. In Python: from labyrinth_core import load_transitions, evaluate
@@ -92,7 +92,7 @@ def run_command() -> int:
         _explain(refusal(error))
         return 1
     except (ValueError, TypeError) as error:
-        _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
+        _explain(f"invalid options: {one_line(error)}")  # Such as task=null.
         return 1
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -182,7 +182,7 @@ def _explained(error: Exception) -> str:
         except OSError as lost:
             end_without_output(lost)
         if error.errno in FAULTS_OF_DISKS:  # The error of an open file does not name the file.
-            return f"error: {error.strerror}: once that is put right, {GOES_ON}"
+            return f"error: {error.strerror}: once that is fixed, {GOES_ON}"
     return "".join(traceback.format_exception(error)).rstrip()
 
 

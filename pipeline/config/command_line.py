@@ -135,7 +135,7 @@ def _no_option(name: str) -> str:
     known = [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
     close = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    return f"{name} is no option: {hint}choose from {listed(known)}"
+    return f"{name} is not an option: {hint}choose from {listed(known)}"
 
 
 def refusal(error: Exception) -> str:

@@ -30,7 +30,7 @@ class SplitsConfig:
     """How far apart the splits are."""
 
     min_walls: int = option(
-        1, "least number of walls between structures of two splits (1: not equal)"
+        1, "least number of walls in which structures of two splits differ (1: not equal)"
     )
 
 
@@ -39,7 +39,7 @@ class DemonstrationsConfig:
     """How well the demonstrator acts."""
 
     noise: float = option(
-        0.0, "probability of a uniformly random action; the route goes on from where it leads"
+        0.0, "probability that the demonstrator acts at random, and goes on from there"
     )
 
 
@@ -57,23 +57,23 @@ class DatasetOptions:
         None, "labyrinths in each of train, validation and test (32 at 3x3, else 100)"
     )
     solutions: str = option(
-        "shortest", "routes a labyrinth: shortest (one), all_shortest, all (every simple route)"
+        "shortest", "routes per labyrinth: shortest (one), all_shortest, all (every simple route)"
     )
-    solutions_limit: int = option(1000, "most routes a labyrinth, for all_shortest and all")
-    random_steps: int = option(100, "steps of the random policy a labyrinth, in the split random")
+    solutions_limit: int = option(1000, "maximum routes per labyrinth, for all_shortest and all")
+    random_steps: int = option(100, "random steps per labyrinth, in the split random")
     sampler: str = option(
-        "wilson", "spanning tree a structure starts from: " + ", ".join(ALGORITHMS)
+        "wilson", "algorithm of the spanning tree in each structure: " + ", ".join(ALGORITHMS)
     )
     open_walls: float | None = option(
         None,
-        "probability of opening each wall that the tree leaves (0.12 at 3x3, 0.09 at 4x4, else "
-        "0.08)",
+        "probability of opening each wall that the spanning tree leaves (0.12 at 3x3, 0.09 at "
+        "4x4, else 0.08)",
     )
     buckets: BucketsConfig = BucketsConfig()
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),
-        "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
+        "extra splits, each with one thing shifted: all, or a list of " + ", ".join(SHIFTS),
         one_of=(ALL_SHIFTS, *SHIFTS),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
@@ -82,7 +82,7 @@ class DatasetOptions:
         "where start and goal of train, validation and test lie: fixed (bottom left and top "
         "right) or varied (drawn for each labyrinth)",
     )
-    seed: int = option(0, "same seed and options, same bytes; in training, same weights")
+    seed: int = option(0, "random seed; the same options and seed give the same bytes or weights")
 
 
 def dataset_config(options: DatasetOptions) -> DatasetConfig:

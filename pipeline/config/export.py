@@ -33,9 +33,9 @@ CODEBASE_VERSION = "v3.0"
 class ExportOptions:
     """The format and the folder of an export for another library."""
 
-    format: str = option("", "format of another library: " + ", ".join(EXPORTS), one_of=EXPORTS)
+    format: str = option("", "library to export for: " + ", ".join(EXPORTS), one_of=EXPORTS)
     folder: str = option(
-        "exports", "folder of the exports; each format is a folder in it", like=LOCAL_FOLDER
+        "exports", "folder of the exports, with a subfolder for each format", like=LOCAL_FOLDER
     )
     splits: tuple[str, ...] = option((), "splits to export, one or a list (all)", one_of=SPLITS)
     image_size: int = option(

@@ -116,7 +116,7 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     made = {}
     for name, value in values.items():
         known = listed(group + each for each in kinds)
-        allowed = f"{group}{name} is no option: choose from {known}"
+        allowed = f"{group}{name} is not an option: choose from {known}"
         check(name in kinds, instead(group + name) or allowed)
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
@@ -148,7 +148,7 @@ def _check_home(name: str, value: Any) -> None:
     try:
         Path(value if isinstance(value, str) else "").expanduser()
     except RuntimeError as error:  # HOME is not set, or the user does not exist.
-        message = f"{name}={value}: the home folder of the user is unknown: give the whole path"
+        message = f"{name}={value}: that user's home folder is unknown: give the full path"
         raise ConfigError(message) from error
 
 

@@ -65,12 +65,11 @@ class PlaceOptions:
 
     data_dir: str = option(
         "data/labyrinth",
-        "folder of the dataset, or a URL such as s3://bucket/name; each size and task is a folder "
-        "in it",
+        "folder of datasets, or a URL such as s3://bucket/name; each size and task has a subfolder",
         like=FOLDER,
     )
     run_dir: str = option(
-        "runs", "folder of what is trained; each size and task is a folder in it", like=LOCAL_FOLDER
+        "runs", "folder of trained policies; each size and task has a subfolder", like=LOCAL_FOLDER
     )
     overwrite: bool = option(
         False, "replace a finished dataset, run or export that was made with other options"
@@ -78,24 +77,22 @@ class PlaceOptions:
     grow: bool = option(
         False, "extend a finished dataset to more labyrinths or shifts, in place of the old one"
     )
-    workers: int = option(1, "processes", at_least=1, at_most=1_000)
+    workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
     executor: str = option(
-        "local",
-        "where they run: local (this machine) or dask",
-        one_of=("local", "dask"),
+        "local", "where processes run: local (this machine) or dask", one_of=("local", "dask")
     )
     executor_address: str | None = option(
-        None, "address of a running cluster of Dask; else one is started for the run"
+        None, "address of a running Dask cluster; without it, one is started for the run"
     )
     part: str = option(
         "",
-        "share of a build that this process makes, such as 3/64, beside others that make theirs in "
-        "the same data_dir; a last run without part puts them together",
-        like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the number of a part and of all, such as 3/64"),
+        "part of a build to make, such as 3/64, while other processes make other parts in the "
+        "same data_dir; a last run without part joins them",
+        like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the part and the number of parts, such as 3/64"),
     )
     stages: tuple[str, ...] = option(
         ("build", "validate", "analyse", "card"),
-        "what to do, in order: " + ", ".join(STAGES),
+        "stages to run, in order: " + ", ".join(STAGES),
         one_of=STAGES,
     )
 
@@ -220,7 +217,7 @@ def resolve(options: RunConfig) -> Run:
     check_options(options, PlaceOptions)
     check(
         options.executor_address is None or options.executor != "local",
-        f"executor_address={options.executor_address}: executor=local has none",
+        f"executor_address={options.executor_address}: executor=local has no address",
     )
     check(
         options.leakage.config is None or options.leakage.source is not None,
@@ -242,7 +239,7 @@ def resolve(options: RunConfig) -> Run:
         check(
             part <= parts, f"part={options.part}: give a part from 1 to {parts}, such as 1/{parts}"
         )
-        check("build" in options.stages, f"part={options.part}: only stages=build has parts")
+        check("build" in options.stages, f"part={options.part}: only stages=build runs in parts")
         # The other stages need the whole dataset, which the last run, without part, assembles.
         run = replace(run, options=replace(options, stages=("build",)))
         options = run.options
@@ -251,7 +248,7 @@ def resolve(options: RunConfig) -> Run:
     if stages & {"report", "publish"}:
         _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
     if options.policy and stages & {"train", "evaluate"}:
-        check("train" not in stages, f"policy={options.policy} is not trained: stages=evaluate")
+        check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)

@@ -72,36 +72,37 @@ class TrainingOptions:
 
     method: dict[str, Any] = option(  # noqa: RUF009
         {"name": "bc"},
-        f"{', '.join(METHODS)}, or module:Class of your own; its settings as method.epochs=...",
+        f"{', '.join(METHODS)}, or your own module:Class; with settings such as method.epochs=...",
     )
     encoder: str = option(
         "cnn",
-        f"network that looks at an observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have their "
-        "own",
+        f"network that encodes the observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have "
+        "their own",
         one_of=ENCODERS,
     )
     observation: str = option(
         "image",
-        "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",
+        "input of the policy: image, vector (for encoder=mlp), or text (only for policy=...)",
         one_of=("image", "vector", "text"),
     )
     protocol: str = option(
         "default",
-        "default; paper for the original's resize and stopping rule; or authors for the methods of "
-        "their code",
+        "default, paper (resizes and stops as in the paper), or authors (for the methods of the "
+        "authors' code)",
         one_of=PROTOCOLS,
     )
     train_labyrinths: int | None = option(
-        None, "labyrinths of train to learn from, the first ones (all)", at_least=1
+        None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
     )
     dataset: str | None = option(
-        None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
+        None,
+        "dataset to use instead of data_dir: an id on the Hub, such as user/labyrinth, or a folder",
     )
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     policy: str = option(
         "",
-        "policy to evaluate instead of a run's: module:name, or a published one such as "
-        "user/planner-5x5@1.0.0",
+        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
+        "Hub such as user/planner-5x5@1.0.0",
         like=(
             r"([\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
             "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
@@ -110,22 +111,22 @@ class TrainingOptions:
     )
     evaluate_on: str = option(
         "",
-        "another dataset to evaluate a run's policy on, such as data/other/4x6, or user/name/4x6 "
-        "on the Hub",
+        "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
+        "user/name/4x6 on the Hub",
         like=(r"(.*[^/]/\d+x\d+(-\w+)?)?", "a dataset and its config, such as data/other/4x6"),
     )
     results_dir: str = option(
         "results",
-        "folder of the tables, and of the evaluations that they are made of",
+        "folder of the evaluations, and of the tables made from them",
         like=LOCAL_FOLDER,
     )
     device: str = option(
-        "auto", "where networks are computed: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
+        "auto", "device of the networks: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
     )
     threads: int | None = option(
-        None, "threads of the processor for networks (all cores)", at_least=1, at_most=1_000
+        None, "CPU threads of the networks (all cores)", at_least=1, at_most=1_000
     )
-    tensorboard: bool = option(False, "write the learning curves for TensorBoard, too")
+    tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
 
     @property
     def method_name(self) -> str:
@@ -155,13 +156,13 @@ class EvaluationOptions:
 
     image_size: int | None = option(
         None,
-        "pixels on each side of the pictures (what the policy says, or 64)",
+        "pixels on each side of the pictures (the policy's own size, or 64)",
         at_least=1,
         at_most=PICTURE_SIZE,
     )
     episodes: int | None = option(
         None,
-        "episodes a labyrinth, for a policy that draws at random",
+        "episodes per labyrinth, for a policy that samples its actions",
         at_least=1,
         at_most=MOST_EPISODES,
     )
@@ -170,20 +171,22 @@ class EvaluationOptions:
     )
     gifs: int = option(
         0,
-        "moving pictures of the policy, or of a run's, beside optimal episodes: of labyrinths of "
-        "test, those that it fails in first",
+        "number of GIFs that show the policy beside the solver in labyrinths of test, failures "
+        "first",
         at_least=0,
         at_most=1_000,
     )
-    name: str = option("", "what the policy is called in tables (what policy says)")
-    author: str = option("", "who made it")
+    name: str = option("", "name of the policy in tables (the value of policy)")
+    author: str = option("", "author of the policy")
     url: str = option(
         "",
-        "where it is described",
+        "page that describes the policy",
         like=(r"(https?://\S+)?", "an address such as https://example.org"),
     )
-    date: str = option("", "when it was evaluated, such as 2026-11-30; no clock is asked")
-    budget: str = option("", "what it has learnt from, such as '100 demonstrations of train'")
+    date: str = option(
+        "", "date of the evaluation, such as 2026-11-30; not filled in automatically"
+    )
+    budget: str = option("", "training data of the policy, such as '100 demonstrations of train'")
     train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
     train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
     parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
@@ -194,7 +197,7 @@ def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> Non
     check_options(options, TrainingOptions)
     check(
         not options.evaluate_on,
-        f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
+        f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
     check_options(evaluation, EvaluationOptions, "evaluation.")
 
@@ -203,7 +206,7 @@ def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option for training is invalid."""
     name, seen = options.method_name, options.observation
     check_options(options, TrainingOptions)
-    check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
+    check(seen != "text", "observation=text is only for policy=...: give image or vector")
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
         options.encoder in fitting,

@@ -129,7 +129,7 @@ def build(
         shards = _made(run, plan_of(there)[0][part % parts :: parts])
     say(
         f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
-        "parts are, the same command without part makes the dataset of them."
+        "parts are, run the same command without part to join them."
     )
     return None
 
@@ -174,7 +174,7 @@ def _what_refers_to(manifest: Manifest, run: Run) -> str:
     found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
     named = ", ".join(sorted(found)[:2]) or "runs and results"
     more = f" and {len(found) - 2} more" if len(found) > 2 else ""
-    return f"{named}{more} of the dataset as it is would refer to one that is gone"
+    return f"{named}{more} would refer to a dataset that is gone"
 
 
 def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
@@ -347,8 +347,8 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
         if not any(shard.labyrinths for shard in shards if shard.split == shift):
             parents = f"{config.labyrinths} labyrinths of {SPLITS[shift].parent}"
             raise ConfigError(
-                f"shifts: there is no {shift} of any of {parents}; ask for more labyrinths, or "
-                f"leave {shift} out"
+                f"shifts: {shift} cannot be made from any of {parents}; ask for more labyrinths, "
+                f"or leave {shift} out"
             )
 
 

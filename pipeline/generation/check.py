@@ -136,7 +136,7 @@ def check_shard(job: CheckJob) -> ShardReport:
     try:
         with local_copy(job.folder / path) as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
-                return ShardReport(job.shard, [f"{path}: its columns are not the five"])
+                return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
             with open_shard(local) as file, no_garbage_collection():
                 if problem := footer_problem(file, job.shard.rows):
                     return ShardReport(job.shard, [f"{path}: {problem}"])

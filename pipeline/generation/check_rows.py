@@ -100,7 +100,7 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
             if None in row:
                 missing = next(name for name, value in row._asdict().items() if value is None)
                 column = missing.removesuffix("_path")
-                problems.append(Problem(number, column, "nothing there"))
+                problems.append(Problem(number, column, "no value"))
                 return
             yield row
         first += len(columns[0])
@@ -184,13 +184,13 @@ def _of_parent(
         named = pattern.match(found.picture) if found else None
         if found is None or (named and int(named[1]) > number):
             row = found.first if found else job.shard.rows
-            what = f"what labyrinth {number} of {parent.split} becomes is missing"
+            what = f"the labyrinth made from labyrinth {number} of {parent.split} is missing"
             problems.append(Problem(row, "info", what))
         else:
             yield found, right
             found = next(labyrinths, None)
     others = chain([found] if found else [], labyrinths)
-    without = f"a labyrinth that is made from none of {parent.split}"
+    without = f"a labyrinth that is not made from any of {parent.split}"
     problems += (Problem(other.first, "info", without) for other in others)
 
 

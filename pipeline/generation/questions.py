@@ -171,7 +171,7 @@ def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
                 pairs = zip_longest(chain.from_iterable(batches), _questions(job))
                 for number, (row, right) in enumerate(pairs):
                     if row is None or right is None:
-                        return [f"{path}: its rows end with {number}, or go on after it"]
+                        return [f"{path}: it has too few or too many rows, from row {number} on"]
                     for name in right:
                         if row[name] != right[name] and (same_bytes or name not in PICTURES):
                             wrong.setdefault(name, number)

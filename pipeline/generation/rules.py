@@ -40,7 +40,7 @@ def labyrinth_problems(
     if bucket != kind.bucket:
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
-        yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
+        yield f"its look is {labyrinth.look}, not {kind.look}"
     if parent is not None:
         yield from _relation_problems(config, kind, labyrinth, parent)
     if split in SELECTED_SHIFTS:

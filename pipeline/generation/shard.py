@@ -118,8 +118,8 @@ class ShardJob:
 def not_as_it_was(path: AnyPath) -> str:
     """Return the error message for a file that was made again with other bytes."""
     return (
-        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
-        "was made with: overwrite=true builds the whole dataset anew"
+        f"{path} cannot be made again with the same bytes: use the library versions in {MANIFEST}, "
+        "or give overwrite=true to build the whole dataset anew"
     )
 
 

@@ -199,7 +199,7 @@ def check_capacity(config: DatasetConfig) -> None:
     asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
     if len(edges) > COUNTABLE_EDGES:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
-            raise ConfigError(f"{asked}: the three splits share fewer than 2**{len(edges)}")
+            raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
     rare = config.task not in TASKS_WITHOUT_TILES
     if not rare and config.labyrinths * 100 < 1 << len(edges):
@@ -320,9 +320,9 @@ def select(
             chosen = next(filter(taken.take, more), None)
         if chosen is None:
             raise ConfigError(
-                f"shifts: of {split} at {config.name} {number} of labyrinths={config.labyrinths} "
-                "were found, and no other after a long search; ask for fewer labyrinths, or leave "
-                f"{split} out"
+                f"shifts: {number} of labyrinths={config.labyrinths} were found for {split} at "
+                f"{config.name}, and no other after a long search; ask for fewer labyrinths, or "
+                f"leave {split} out"
             )
         yield chosen
 

@@ -159,7 +159,7 @@ class Workplace:
         )
         raise DatasetError(
             f"{self.building} holds parts of a build with {differing}: give the same options, "
-            "choose another data_dir, or give overwrite=true without part to begin anew"
+            "choose another data_dir, or give overwrite=true without part to start again"
         )
 
     @property
@@ -196,7 +196,7 @@ class Workplace:
         if missing:
             raise DatasetError(
                 f"{self.shards} has no {missing[0]}, though a worker has made it: "
-                "all workers have to see the same data_dir"
+                "all workers must share the same data_dir"
             )
         if not self.is_for(manifest.config):
             raise DatasetError(f"another run has begun another dataset in {self.building}")
@@ -240,6 +240,6 @@ def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:
     if names := sorted(path.name for path in others if not is_litter(path.name)):
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         raise DatasetError(
-            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost, being no part of a "
-            "dataset: move it elsewhere, or choose another data_dir"
+            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost and does not belong "
+            "to a dataset: move it elsewhere, or choose another data_dir"
         )

@@ -96,7 +96,7 @@ class Sums:
         with suppress(*MALFORMED):
             if others[0] == _OURS:
                 return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
-        raise DatasetError(f"{path} is somebody else's: move it away, or choose another folder")
+        raise DatasetError(f"{path} is another program's: move it away, or choose another folder")
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-GOES_ON = "the same command goes on from what is finished"
+GOES_ON = "run the same command again to resume"
 
 _FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ENOTCONN", "ETIMEDOUT")
 FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(errno, each))

@@ -170,7 +170,7 @@ def ordered_map(
             yield from results
     except _losses(there) as error:
         raise DatasetError(
-            "a worker was lost, killed perhaps for want of memory: try fewer workers; " + GOES_ON
+            "a worker was lost, perhaps for lack of memory: try fewer workers; " + GOES_ON
         ) from error
     if errors:
         raise errors[0]

@@ -11,9 +11,9 @@ from pathlib import Path
 from labyrinth_core.data.storage import RemotePath
 from pipeline.config.run import Run
 
-DESCRIBE = "stages=[validate,analyse,card]", "replay every row and describe it"
+DESCRIBE = "stages=[validate,analyse,card]", "check every row and describe the dataset"
 LOOK = "stages=report", "look at it in a browser"
-LEARN = "stages=[train,evaluate] method=bc", "learn from it"
+LEARN = "stages=[train,evaluate] method=bc", "train a policy on it"
 COMPARE = "stages=results", "compare it with others"
 """The options of each possible next step, and its purpose."""
 
