@@ -246,7 +246,7 @@ def resolve(options: RunConfig) -> Run:
     check_method(options)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
-        _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
+        _ = run.local_dir  # Raises a ConfigError if the folder is in an object store.
     if options.policy and stages & {"train", "evaluate"}:
         check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
         check_policy(options, options.evaluation)

@@ -129,7 +129,7 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
 
 
 def check_shard(job: CheckJob) -> ShardReport:
-    """Return what is wrong with one shard, and where its structures are."""
+    """Return the problems of one shard, and the rows of its structures."""
     import pyarrow as pa
 
     path = job.shard.path

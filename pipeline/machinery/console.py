@@ -29,7 +29,7 @@ class _Console(Console):
     """A console that escapes control characters, which names of files and methods may hold."""
 
     def render_str(self, text: str, *args: Any, **options: Any) -> Text:
-        """Return what is shown for a text: a line, or a cell of a table."""
+        """Return a line, or a cell of a table, with its control characters escaped."""
         return super().render_str(printable(text), *args, **options)
 
 
