@@ -4,7 +4,7 @@ import sys
 
 try:
     from pipeline.__main__ import main
-except KeyboardInterrupt:  # The module that answers signals is not loaded yet.
+except KeyboardInterrupt:  # The module with the signal handlers is not loaded yet.
     sys.stderr.write("interrupted\n")
     sys.exit(130)
 

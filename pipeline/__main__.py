@@ -15,15 +15,15 @@ try:
         end_without_output,
         show_start,
     )
-except KeyboardInterrupt:  # No signal is answered yet.
+except KeyboardInterrupt:  # No signal handler is installed yet.
     from pipeline.machinery.ending import end_interrupted
 
     end_interrupted()
 
 
 def main() -> int:
-    """Run what the command line asks for, and return the exit status: 1 for an error."""
-    answer_signals(end_interrupted)  # Importing takes seconds, and swallows exceptions.
+    """Run the command line and return the exit status, 1 after an error."""
+    answer_signals(end_interrupted)  # Imports take seconds, and may swallow exceptions.
     try:
         from labyrinth_core.language.source_text import escape_output
 

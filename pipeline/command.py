@@ -1,4 +1,4 @@
-"""What a command line of the program asks for: one run, or a sweep of several."""
+"""Run a command line of the program: one run, or a Hydra sweep of several."""
 
 from __future__ import annotations
 
@@ -43,34 +43,34 @@ from pipeline.machinery.ending import (
 from pipeline.machinery.executor import cluster
 from pipeline.machinery.hints import hints
 
-INTRODUCTION = """Labyrinth data for imitation learning. What can be done, in this order:
+INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 
-  labyrinth-datasets size=5                                      make, check, analyse, describe it
-  labyrinth-datasets stages=report                               look at it, in a browser
-  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc  learn from it, in minutes
-  labyrinth-datasets size=5 stages=evaluate policy=my:policy     judge a policy of your own
-  labyrinth-datasets stages=results                              compare what was evaluated
+  labyrinth-datasets size=5                                      make, check and describe a dataset
+  labyrinth-datasets stages=report                               look at it in a browser
+  labyrinth-datasets size=5 'stages=[train,evaluate]' method=bc  train a policy on it, in minutes
+  labyrinth-datasets size=5 stages=evaluate policy=my:policy     evaluate a policy of your own
+  labyrinth-datasets stages=results                              compare all evaluated policies
   labyrinth-datasets stages=publish publish.repo_id=you/labyrinth publish.version=1.0.0
 
 --help lists the options. In Python: from labyrinth_core import load_transitions, evaluate
 """
-"""What is printed where nothing is asked for."""
+"""Printed when the command line is empty."""
 
 
 class RunError(RuntimeError):
-    """A run of a sweep that ended with an error, which one line has explained."""
+    """A run of a sweep failed; its error has been printed already."""
 
 
 def run_command() -> int:
-    """Run what the command line asks for, and return the exit status: 1 for an error."""
+    """Run the command line and return the exit status, 1 after an error."""
     if len(sys.argv) == 1:
         print(INTRODUCTION, end="")
         return 0
-    if "--version" in sys.argv[1:]:  # Hydra would print its own.
+    if "--version" in sys.argv[1:]:  # Hydra would print its own version.
         print(f"labyrinth-datasets {__version__}")
         return 0
     sys.unraisablehook = _answer_swallowed
-    # joblib's tracker would say what it clears up where the program ends at once.
+    # After an abrupt exit, joblib's resource tracker would warn about what it cleans up.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     try:
@@ -92,7 +92,7 @@ def run_command() -> int:
         _explain(refusal(error))
         return 1
     except (ValueError, TypeError) as error:
-        _explain(f"options that cannot be read: {one_line(error)}")  # Such as task=null.
+        _explain(f"invalid options: {one_line(error)}")  # Such as task=null.
         return 1
     finally:
         shutil.rmtree(scratch, ignore_errors=True)
@@ -100,7 +100,7 @@ def run_command() -> int:
 
 
 def _scratch() -> Path:
-    """Return a new name in the folder for temporary files, for what Hydra writes of a sweep."""
+    """Return a temporary folder name for the files that Hydra writes in a sweep."""
     try:
         folder = gettempdir()
     except FileNotFoundError:  # Only a sweep needs one.
@@ -110,11 +110,11 @@ def _scratch() -> Path:
 
 @hydra.main(**HYDRA, config_path=str(CONF.absolute()), config_name="config")
 def perform(config: DictConfig) -> None:
-    """Perform the stages of one run; print any error, so that Hydra raises only its own.
+    """Run the stages of one run; print its error, so that Hydra raises only its own.
 
     Raises:
-        RunError: The run is one of a sweep, which goes on with the others after an exception.
-        SystemExit: The run is the only one.
+        RunError: A run of a sweep failed; after an exception, the sweep goes on with the others.
+        SystemExit: A single run failed.
     """
     reason = _error_of(config)
     if reason is None:
@@ -122,11 +122,11 @@ def perform(config: DictConfig) -> None:
     print(printable(reason), file=sys.stderr)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         raise RunError(reason)
-    raise SystemExit(1)  # Of an exception, Hydra would print a line of its own.
+    raise SystemExit(1)  # For an exception, Hydra would print a line of its own.
 
 
 def _error_of(config: DictConfig) -> str | None:
-    """Perform the stages of one run, and return what to print of its error, None if it succeeds."""
+    """Run the stages of one run, and return the error message to print, or None on success."""
     try:
         options = options_of(config)
     except OmegaConfBaseException as error:
@@ -140,9 +140,9 @@ def _error_of(config: DictConfig) -> str | None:
         options = run.options
         check_there(run)
         stages = [import_module(STAGES[stage]) for stage in options.stages]
-        for stage in stages:  # What a later one would refuse is refused before the first begins.
+        for stage in stages:  # A later stage refuses before the first one begins.
             getattr(stage, "refuse", lambda _: None)(run)
-        answer_signals(interrupt)  # Not before: what is imported may swallow the exception.
+        answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
         show_start(started=True)
         with cluster(options.executor, options.workers, options.executor_address):
             for stage in stages:
@@ -155,7 +155,7 @@ def _error_of(config: DictConfig) -> str | None:
 
 
 def _flags() -> list[str]:
-    """Return the flags of the command line that say which configuration is used."""
+    """Return the command line's flags that choose the configuration, such as --config-dir=..."""
     used = HydraConfig.get()
     flags = {"--config-name": used.job.config_name} if used.job.config_name != "config" else {}
     for source in used.runtime.config_sources:
@@ -174,29 +174,29 @@ def _explained(error: Exception) -> str:
         return f"error: {error}"
     if isinstance(error, OSError) and error.filename is not None:
         return f"error: {error.filename}: {error.strerror or error}"
-    if isinstance(error, FileNotFoundError):  # Of tempfile, whose message names the folders.
+    if isinstance(error, FileNotFoundError):  # From tempfile; its message names the folders.
         return f"error: {error.strerror or error}"
     if isinstance(error, OSError):
         try:
             print(flush=True)
         except OSError as lost:
             end_without_output(lost)
-        if error.errno in FAULTS_OF_DISKS:  # Of a file that is open, whose name is not told.
-            return f"error: {error.strerror}: once that is put right, {GOES_ON}"
+        if error.errno in FAULTS_OF_DISKS:  # The error of an open file does not name the file.
+            return f"error: {error.strerror}: once that is fixed, {GOES_ON}"
     return "".join(traceback.format_exception(error)).rstrip()
 
 
 def _below(error: PolicyError) -> str:
-    """Return the traceback of the error of a policy itself, which is a stranger's code."""
+    """Return the traceback of the error inside a policy, which is the user's own code."""
     cause = error.__cause__
     if cause is None:
         return ""
-    trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own call.
+    trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own frame.
     return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
 def _answer_swallowed(ignored: Any) -> None:
-    """End after an interruption where Python can raise no exception."""
+    """End the program after an interruption that Python cannot raise as an exception."""
     if isinstance(ignored.exc_value, KeyboardInterrupt):
         end_interrupted(*ignored.exc_value.args)
     sys.__unraisablehook__(ignored)

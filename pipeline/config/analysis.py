@@ -9,11 +9,11 @@ from pipeline.config.option import option
 
 @dataclass(frozen=True)
 class LeakageOptions:
-    """A dataset from elsewhere, to be analysed instead of the dataset of the run."""
+    """A dataset to analyse instead of the dataset of the run."""
 
     source: str | None = option(
         None,
-        "dataset from elsewhere to analyse: a file or a folder of .labyrinth or .npy files "
-        "by split, or any folder or id on the Hub with the column info",
+        "dataset to analyse instead: a .labyrinth or .npy file, a folder of such files by split, "
+        "or a dataset with the column info, in a folder or on the Hub",
     )
     config: str | None = option(None, "config of that dataset, if it has several")

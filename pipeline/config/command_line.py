@@ -22,7 +22,7 @@ from pipeline.config.option import schema
 from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, SECTIONS, STAGES, RunConfig
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
-"""The behaviour that is asked of Hydra: 1.3 warns if it is not named, 1.4 warns if it is."""
+"""The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""
 
 
 _HELP = """Make a dataset of labyrinths: unique, solved optimally, with pictures, in
@@ -45,13 +45,13 @@ of Hydra itself.
 
 @cache
 def register(scratch: Path = Path()) -> None:
-    """Tell Hydra the schema, the text of `--help`, and where it may leave the options of a sweep.
+    """Register with Hydra the schema, the text of `--help` and the output folder of a sweep.
 
     Args:
-        scratch: The folder for a sweep, where a user gives no other as `hydra.sweep.dir`.
+        scratch: The output folder of a sweep, unless the user sets `hydra.sweep.dir`.
     """
     store = ConfigStore.instance()
-    place = str(scratch).replace("${", "\\${")  # No interpolation.
+    place = str(scratch).replace("${", "\\${")  # Not an interpolation.
     store.store(name="scratch", package="hydra.sweep", node={"dir": place})
     node = OmegaConf.structured(schema(RunConfig))
     OmegaConf.set_struct(node.method, False)  # Each method has settings of its own.
@@ -70,23 +70,23 @@ def register(scratch: Path = Path()) -> None:
 
 
 _WORD = re.compile(
-    # What is in quotation marks is a text already, and a range is a function of numbers.
+    # A quoted value is a text already, and range(...) is a function of numbers.
     r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\w+\([^)]*\)"""
     r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
     re.ASCII,
 )
-"""A value of one word, in the grammar of Hydra; and before it what holds no such value."""
+"""A one-word value in Hydra's grammar; or a quoted text or a call, which stay as they are."""
 
 
 def keep_texts(argument: str) -> str:
-    """Return an argument of a command line in which texts that look like numbers are quoted.
+    """Quote the texts in a command-line argument that Hydra would read as numbers or booleans.
 
     Hydra reads `revision=1.10` as the number 1.1, and `evaluation.name=true` as True. The declared
     type of the option tells which values are texts.
 
     Raises:
-        ConfigError: The value cannot be that of a group of options, or of a method; or an option
-            is given as a flag.
+        ConfigError: An option does not exist or is written as a flag; or a group of options or the
+            method has an invalid value.
     """
     dashed = re.match(r"--?([\w.]+)", argument)
     check(
@@ -97,7 +97,7 @@ def keep_texts(argument: str) -> str:
     if override is None:
         return argument
     start, name, value = override.groups()
-    if name == "method":  # The name of a method is among its settings.
+    if name == "method":  # The method's name is one of its settings.
         one = value.strip() not in ("", "null") and not value.lstrip().startswith(("[", "{"))
         check(one, f"method={value}: give one name, such as method={DEFAULTS[name]}")
         return argument.replace("method=", "method.name=", 1)
@@ -117,17 +117,17 @@ def keep_texts(argument: str) -> str:
         if word is None or not (several or text):
             return match[0]
         read = parser.parse_rule(word, "primitive")
-        # OmegaConf makes a text of a number, but not in a list.
+        # OmegaConf converts a number to a text, but not in a list.
         if read is None or (str(read) == word and (text or isinstance(read, str))):
             return match[0]
         return f'{before}"{word}"'
 
-    # Hydra takes quotation marks off in the function, and reads a number after all.
+    # Inside choice(), Hydra strips the quotation marks and reads a number after all.
     return start + _WORD.sub(quoted, re.sub(r"^choice\((.+)\)$", r"\1", value))
 
 
 def _no_option(name: str) -> str:
-    """Return what is said of an option that does not exist, and which options do."""
+    """Return the error message for an option that does not exist, with the options that do."""
     gone = instead(name)
     if gone is not None:
         return gone
@@ -135,11 +135,11 @@ def _no_option(name: str) -> str:
     known = [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
     close = difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
-    return f"{name} is no option: {hint}choose from {listed(known)}"
+    return f"{name} is not an option: {hint}choose from {listed(known)}"
 
 
 def refusal(error: Exception) -> str:
-    """Return what is wrong with a command line that Hydra refused, in one line."""
+    """Return one line that explains why Hydra refused a command line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
         group, _, given = error.missing_cfg_file.partition("/")
         return f"{group}={given}: choose one of {listed(error.options)}"

@@ -1,4 +1,4 @@
-"""The options that determine what a dataset is."""
+"""The options that determine the content of a dataset."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 
 ALL_SHIFTS = "all"
-"""The word for every shift that the other options allow."""
+"""The value of `shifts` that stands for every shift that the other options allow."""
 
 
 @dataclass(frozen=True)
 class BucketsConfig:
-    """The share of each split; the same for datasets that are to be compared."""
+    """The share of structures for each split; keep it the same in datasets to compare."""
 
     train: int = option(34, "percent of all structures that may be in train")
     validation: int = option(33, "percent of all structures that may be in validation")
@@ -30,7 +30,7 @@ class SplitsConfig:
     """How far apart the splits are."""
 
     min_walls: int = option(
-        1, "least number of walls between structures of two splits (1: not equal)"
+        1, "least number of walls in which structures of two splits differ (1: not equal)"
     )
 
 
@@ -39,13 +39,13 @@ class DemonstrationsConfig:
     """How well the demonstrator acts."""
 
     noise: float = option(
-        0.0, "probability of a uniformly random action; the route goes on from where it leads"
+        0.0, "probability that the demonstrator acts at random, and goes on from there"
     )
 
 
 @dataclass(frozen=True)
 class DatasetOptions:
-    """What a dataset is; `DatasetConfig` checks the values."""
+    """The content of a dataset; `DatasetConfig` checks the values."""
 
     size: str = option("5", "rows and columns: 5, or height x width such as 4x6")
     task: str = option(
@@ -57,23 +57,23 @@ class DatasetOptions:
         None, "labyrinths in each of train, validation and test (32 at 3x3, else 100)"
     )
     solutions: str = option(
-        "shortest", "routes a labyrinth: shortest (one), all_shortest, all (every simple route)"
+        "shortest", "routes per labyrinth: shortest (one), all_shortest, all (every simple route)"
     )
-    solutions_limit: int = option(1000, "most routes a labyrinth, for all_shortest and all")
-    random_steps: int = option(100, "steps of the random policy a labyrinth, in the split random")
+    solutions_limit: int = option(1000, "maximum routes per labyrinth, for all_shortest and all")
+    random_steps: int = option(100, "random steps per labyrinth, in the split random")
     sampler: str = option(
-        "wilson", "spanning tree a structure starts from: " + ", ".join(ALGORITHMS)
+        "wilson", "algorithm of the spanning tree in each structure: " + ", ".join(ALGORITHMS)
     )
     open_walls: float | None = option(
         None,
-        "probability of opening each wall that the tree leaves (0.12 at 3x3, 0.09 at 4x4, else "
-        "0.08)",
+        "probability of opening each wall that the spanning tree leaves (0.12 at 3x3, 0.09 at "
+        "4x4, else 0.08)",
     )
     buckets: BucketsConfig = BucketsConfig()
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),
-        "further splits, each with one thing shifted: all, or several of " + ", ".join(SHIFTS),
+        "extra splits, each with one thing shifted: all, or a list of " + ", ".join(SHIFTS),
         one_of=(ALL_SHIFTS, *SHIFTS),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
@@ -82,17 +82,17 @@ class DatasetOptions:
         "where start and goal of train, validation and test lie: fixed (bottom left and top "
         "right) or varied (drawn for each labyrinth)",
     )
-    seed: int = option(0, "same seed and options, same bytes; in training, same weights")
+    seed: int = option(0, "random seed; the same options and seed give the same bytes or weights")
 
 
 def dataset_config(options: DatasetOptions) -> DatasetConfig:
-    """Return what determines the rows of the dataset.
+    """Return the configuration that determines the rows of the dataset.
 
-    An option of `splits` and `demonstrations` is a field of the same name there, as are all others
-    but the size.
+    Each option, also of `splits` and `demonstrations`, becomes the field of the same name; `size`
+    becomes `height` and `width`.
 
     Raises:
-        ConfigError: A value is impossible.
+        ConfigError: A value is invalid.
     """
     check_options(options, DatasetOptions)
     try:
@@ -105,7 +105,7 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
             values["labyrinths"] = 32 if (height, width) == (3, 3) else 100
         if options.open_walls is None:
             values["open_walls"] = default_open_walls(height, width)
-        for name in ("open_walls", "noise"):  # Hydra leaves a 1 a whole number.
+        for name in ("open_walls", "noise"):  # Hydra passes 1 as an int.
             values[name] = float(values[name])
         config = DatasetConfig(height=height, width=width, **values | {"shifts": ()})
         return replace(config, shifts=_shifts(config, options.shifts))
@@ -114,10 +114,10 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
 
 
 def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the shifts that are asked for, in their order; `all` stands for those possible.
+    """Return the requested shifts in the order of `SHIFTS`; `all` gives every possible one.
 
     Raises:
-        ValueError: `all` stands beside others.
+        ValueError: `all` is combined with others.
     """
     if named == (ALL_SHIFTS,):
         return tuple(name for name in SHIFTS if config.why_no(name) is None)

@@ -8,7 +8,7 @@ from collections.abc import Iterable
 
 
 class ConfigError(ValueError):
-    """A value of an option is impossible; the text is one line that says what to give."""
+    """An option has an invalid value; the message is one line that says what to give."""
 
 
 def check(holds: bool, message: str) -> None:
@@ -18,14 +18,14 @@ def check(holds: bool, message: str) -> None:
 
 
 def listed(words: Iterable[object]) -> str:
-    """Return words as a list for a message."""
+    """Return words as `[a, b]` for a message."""
     return f"[{', '.join(map(str, words))}]"
 
 
 def as_typed(name: str, value: str) -> str:
-    """Return an option as it is typed in a shell, in quotation marks for Hydra where need be."""
+    """Return `name=value` as typed in a shell, with quotation marks for Hydra if needed."""
     if not re.fullmatch(r"[\w./:@%+-]+", value, re.ASCII):
-        # A backslash counts for Hydra before a quotation mark alone, also the closing one.
+        # Hydra reads a backslash as an escape only before a quotation mark, even the closing one.
         value = re.sub(r'(\\*)"', r'\1\1\\"', value)
         value = f'"{value}{value[len(value.rstrip(chr(92))) :]}"'
     return shlex.quote(f"{name}={value}")

@@ -1,4 +1,4 @@
-"""The options of the stage `export`, and what its folders have in common."""
+"""The options of the stage `export`, and the constants of its folders."""
 
 from __future__ import annotations
 
@@ -14,16 +14,16 @@ EXPORTS = {
     "imitation": "pipeline.export.imitation",
     "lerobot": "pipeline.export.lerobot",
 }
-"""Format -> the module whose `write` writes a split in it."""
+"""Format -> the module whose `write` exports a split."""
 
 RELEASED = ("lerobot", "minari")
 """The formats whose libraries read the Hub, so that `publish.export` releases them."""
 
 NAMESPACE, VERSION = "labyrinth", 0
-"""The first and the last part of the names of exports, which stay as they are."""
+"""The first and the last part of every export's name; they never change."""
 
 RECORD = "labyrinth.json"
-"""The file in the folder of each export that says where it comes from."""
+"""The file in each export's folder that says what the export was made from."""
 
 CODEBASE_VERSION = "v3.0"
 """The version of LeRobot's format, which is also the tag on the Hub that LeRobot reads."""
@@ -31,11 +31,11 @@ CODEBASE_VERSION = "v3.0"
 
 @dataclass(frozen=True)
 class ExportOptions:
-    """In which format a dataset is written for another library, and where."""
+    """The format and the folder of an export for another library."""
 
-    format: str = option("", "format of another library: " + ", ".join(EXPORTS), one_of=EXPORTS)
+    format: str = option("", "library to export for: " + ", ".join(EXPORTS), one_of=EXPORTS)
     folder: str = option(
-        "exports", "folder of the exports; each format is a folder in it", like=LOCAL_FOLDER
+        "exports", "folder of the exports, with a subfolder for each format", like=LOCAL_FOLDER
     )
     splits: tuple[str, ...] = option((), "splits to export, one or a list (all)", one_of=SPLITS)
     image_size: int = option(

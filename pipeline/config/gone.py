@@ -1,4 +1,4 @@
-"""Options that are no longer there, and values of options: what to do instead."""
+"""Removed options and values of options, each with what to do instead."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ GONE = {
     "publish.create_pr": "publish to a repository of your own, or upload with the Hub's client",
     "publish.space": "upload report/index.html to a static Space with the Hub's own button",
     "executor=ray": "give executor=dask, or part=i/n in jobs of your own",
-    "memory": "docs/results/ARCHIVE.md names the commit whose policies see all that they have seen",
+    "memory": "docs/results/ARCHIVE.md names the commit that has policies with a memory",
     **{
         f"method=authors/{name}": "in a clone give protocol=authors "
         f"method=scripts.studies.methods.authors.{name}:Method"
@@ -26,14 +26,14 @@ GONE = {
 
 
 def instead(name: str, *values: object) -> str | None:
-    """Return one line on an option or one of its values that is no longer there, else None.
+    """Return one line about an option or value that was removed, or None if none was.
 
     Args:
-        name: The whole name of an option, such as `analysis.seeds`.
-        values: The values that were given.
+        name: The full name of an option, such as `analysis.seeds`.
+        values: The values given for it.
     """
     for given in (name, name.partition(".")[0], *(f"{name}={value}" for value in values)):
         if given in GONE:
             shown = given if "=" in given else name
-            return f"{shown} is no longer there: {GONE[given]}"
+            return f"{shown} was removed: {GONE[given]}"
     return None

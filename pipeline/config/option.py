@@ -1,7 +1,7 @@
 """Options: each is declared once, as a field of a frozen dataclass.
 
-The schema that Hydra merges values into, the text of `--help`, the README's table and the checks
-follow from the declaration.
+The declaration gives the schema that Hydra merges values into, the text of `--help`,
+docs/options.md and the checks.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ def option(
     """Return the field that declares an option.
 
     Args:
-        default: Its value where none is given; MISSING if one has to be given.
+        default: The value if the user gives none; MISSING if the user must give one.
         meaning: A phrase for `--help`, in which a noun says what the value is.
-        at_least: The least value of a number; None for an option whose number is not checked.
-        at_most: The greatest value of a number.
-        one_of: The values to choose from; one, or several if the option is a tuple, which may be
-            empty only by default.
+        at_least: The minimum of a number; None leaves the number unchecked.
+        at_most: The maximum of a number.
+        one_of: The allowed values. A tuple option takes several of them; it may be empty only if
+            its default is.
         like: A regular expression for the whole text, and a phrase that says what to give.
     """
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
@@ -54,7 +54,7 @@ def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]
 
     Args:
         cls: The class.
-        group: What goes before the names, such as `publish.`.
+        group: The prefix of the names, such as `publish.`.
     """
     kinds = get_type_hints(cls)
     for each in fields(cls):
@@ -66,12 +66,12 @@ def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]
 
 
 def meanings(cls: type, group: str = "") -> dict[str, str]:
-    """Return what the options that a class and its groups declare mean, by their names."""
+    """Return the help text of each option that a class and its groups declare, by name."""
     return {name: each.metadata["meaning"] for name, each, _ in declared(cls, group)}
 
 
 def default_of(each: Field[Any]) -> str:
-    """Return the default of an option as it is typed; empty for an option without one."""
+    """Return the default of an option as a user would type it; empty if it has none."""
     default = each.default
     if each.default_factory is not MISSING:
         default = each.default_factory()["name"]
@@ -85,10 +85,10 @@ def default_of(each: Field[Any]) -> str:
 
 
 def schema(cls: type) -> type:
-    """Return a class of the same options, into whose instances OmegaConf merges values.
+    """Return a mutable class of the same options, for OmegaConf to merge values into.
 
-    Lists, true and false are left to `frozen`: OmegaConf refuses one text in place of a list, and
-    reads -1 as true.
+    `frozen` checks lists and booleans instead, because OmegaConf refuses a single text for a list
+    and reads -1 as true.
     """
     made: list[tuple[str, Any, Any]] = []
     kinds = get_type_hints(cls)
@@ -107,25 +107,25 @@ def schema(cls: type) -> type:
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
-    """Return an instance of a class that declares options, from values by their names.
+    """Return an instance of a class of options, from a mapping of names to values.
 
     Raises:
-        ConfigError: A name is not that of an option, or a value is of another kind.
+        ConfigError: An option does not exist, or a value has the wrong type.
     """
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
         known = listed(group + each for each in kinds)
-        allowed = f"{group}{name} is no option: choose from {known}"
+        allowed = f"{group}{name} is not an option: choose from {known}"
         check(name in kinds, instead(group + name) or allowed)
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
 
 def _value(name: str, value: Any, kind: Any) -> Any:
-    """Return the value of an option in its declared type; raise a ConfigError if it has another.
+    """Return a value in its option's declared type; raise a ConfigError if it does not fit.
 
-    A list may be given as one text.
+    For a list, a single text is accepted.
     """
     if is_dataclass(kind) or get_origin(kind) is dict:
         check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
@@ -144,11 +144,11 @@ def _value(name: str, value: Any, kind: Any) -> Any:
 
 
 def _check_home(name: str, value: Any) -> None:
-    """Raise a ConfigError if a text is a path from a home folder that is unknown."""
+    """Raise a ConfigError if a path begins with `~` and that home folder is unknown."""
     try:
         Path(value if isinstance(value, str) else "").expanduser()
-    except RuntimeError as error:  # Without HOME, or of a user who does not exist.
-        message = f"{name}={value}: the home folder of the user is unknown: give the whole path"
+    except RuntimeError as error:  # HOME is not set, or the user does not exist.
+        message = f"{name}={value}: that user's home folder is unknown: give the full path"
         raise ConfigError(message) from error
 
 
@@ -158,10 +158,10 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
     Args:
         options: An instance of the class, or of one that inherits from it.
         cls: The class.
-        group: What goes before the names of the options.
+        group: The prefix of the names of the options.
 
     Raises:
-        ConfigError: A value is impossible; the text says what was given and what is allowed.
+        ConfigError: A value is invalid; the message says what was given and what is allowed.
     """
     kinds = get_type_hints(cls)
     for each in fields(cls):

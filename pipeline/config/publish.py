@@ -16,7 +16,7 @@ _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"
 
 
 def _id(kind: str, purpose: str, example: str) -> Any:
-    """Declare the id of a repository on the Hub, empty for none."""
+    """Declare an option for the id of a repository on the Hub, empty by default."""
     return option(
         "",
         f"{kind} on the Hub{purpose}, such as {example}",
@@ -28,14 +28,14 @@ def _id(kind: str, purpose: str, example: str) -> Any:
 class PublishOptions:
     """Where and how a dataset, its export and environment, and a policy are published."""
 
-    repo_id: str = _id("dataset", "", "user/labyrinth")
+    repo_id: str = _id("dataset", " to publish to", "user/labyrinth")
     model: str = _id(
-        "model", " for the policy of the run that method, size and so on name", "user/planner-5x5"
+        "model", " to publish the trained policy of method, size etc. to", "user/planner-5x5"
     )
-    export: str = _id("dataset", " for the export in export.format", "user/labyrinth-lerobot")
+    export: str = _id("dataset", " to publish the export to", "user/labyrinth-lerobot")
     env: str = _id(
         "model",
-        " for the environment of the dataset's labyrinths, as LeRobot's EnvHub reads it",
+        " to publish the environment of the dataset's labyrinths to, for LeRobot's EnvHub",
         "user/labyrinth",
     )
     version: str = option(
@@ -43,19 +43,19 @@ class PublishOptions:
         "tag of the release, such as 1.0.0",
         like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
     )
-    dry_run: bool = option(False, "say what would be added, kept and deleted, and change nothing")
-    private: bool = option(False, "make the repository private, if it has to be made")
+    dry_run: bool = option(False, "only print what would be added, kept and deleted")
+    private: bool = option(False, "make the repository private if it is created")
 
 
 def check_publish(
     publish: PublishOptions, export: ExportOptions, training: TrainingOptions
 ) -> None:
-    """Raise a ConfigError if an option of what is published is impossible, or missing.
+    """Raise a ConfigError if an option for publishing is invalid or missing.
 
     Args:
         publish: The options of publishing.
-        export: Those of the export that is published.
-        training: Those of the run whose policy is published, and of the dataset.
+        export: The options of the export to publish.
+        training: The options of the run whose policy is published, and of the dataset.
     """
     of_dataset = bool(publish.model or publish.env)
     check(
@@ -70,13 +70,13 @@ def check_publish(
         bool(publish.repo_id)
         or not of_dataset
         or re.fullmatch(_ID, training.dataset or "", re.ASCII) is not None,
-        f"dataset={training.dataset or ''}: give the id on the Hub of the dataset that what is "
-        "published is of, such as user/labyrinth",
+        f"dataset={training.dataset or ''}: give the id on the Hub of the dataset that the policy "
+        "or the environment belongs to, such as user/labyrinth",
     )
     check(
         not publish.model or training.network in (*ENCODERS, *OWN),
-        f"publish.model={publish.model}: policies of method={training.method_name} are not "
-        "published, since load_policy does not make their network",
+        f"publish.model={publish.model}: policies of method={training.method_name} cannot be "
+        "published, because load_policy cannot make their network",
     )
 
 

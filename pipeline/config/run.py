@@ -1,6 +1,6 @@
-"""One run of the program: its options, and what was made of them.
+"""One run of the program: its options, and the objects made from them.
 
-Hydra and OmegaConf stop here: `resolve` gives an object that the rest of the pipeline trusts.
+Hydra and OmegaConf stop here: `resolve` returns an object that the rest of the pipeline trusts.
 """
 
 from __future__ import annotations
@@ -65,12 +65,11 @@ class PlaceOptions:
 
     data_dir: str = option(
         "data/labyrinth",
-        "folder of the dataset, or a URL such as s3://bucket/name; each size and task is a folder "
-        "in it",
+        "folder of datasets, or a URL such as s3://bucket/name; each size and task has a subfolder",
         like=FOLDER,
     )
     run_dir: str = option(
-        "runs", "folder of what is trained; each size and task is a folder in it", like=LOCAL_FOLDER
+        "runs", "folder of trained policies; each size and task has a subfolder", like=LOCAL_FOLDER
     )
     overwrite: bool = option(
         False, "replace a finished dataset, run or export that was made with other options"
@@ -78,24 +77,22 @@ class PlaceOptions:
     grow: bool = option(
         False, "extend a finished dataset to more labyrinths or shifts, in place of the old one"
     )
-    workers: int = option(1, "processes", at_least=1, at_most=1_000)
+    workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
     executor: str = option(
-        "local",
-        "where they run: local (this machine) or dask",
-        one_of=("local", "dask"),
+        "local", "where processes run: local (this machine) or dask", one_of=("local", "dask")
     )
     executor_address: str | None = option(
-        None, "address of a running cluster of Dask; else one is started for the run"
+        None, "address of a running Dask cluster; without it, one is started for the run"
     )
     part: str = option(
         "",
-        "share of a build that this process makes, such as 3/64, beside others that make theirs in "
-        "the same data_dir; a last run without part puts them together",
-        like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the number of a part and of all, such as 3/64"),
+        "part of a build to make, such as 3/64, while other processes make other parts in the "
+        "same data_dir; a last run without part joins them",
+        like=(r"(0*([1-9]\d*)/0*([1-9]\d*))?", "the part and the number of parts, such as 3/64"),
     )
     stages: tuple[str, ...] = option(
         ("build", "validate", "analyse", "card"),
-        "what to do, in order: " + ", ".join(STAGES),
+        "stages to run, in order: " + ", ".join(STAGES),
         one_of=STAGES,
     )
 
@@ -135,24 +132,24 @@ KINDS = {name: kind for name, _, kind in declared(RunConfig)}
 
 @dataclass(frozen=True)
 class Run:
-    """One run of the program: its options, and what was made of them."""
+    """One run of the program: its options, and the objects made from them."""
 
     options: RunConfig
-    """Those of the stages that are asked for are checked."""
+    """All options; those that the requested stages use have been checked."""
     dataset: DatasetConfig
     data_dir: AnyPath
     names_dataset: bool = False
-    """Whether the command line names the size or the task, which stages of all datasets ask."""
+    """Whether the command line gives `size` or `task`; see `machinery.dataset.check_there`."""
 
     @property
     def part(self) -> tuple[int, int] | None:
-        """The part of the build that this process makes, and the number of all parts."""
+        """The part that this process builds and the number of parts, such as (3, 64), if given."""
         part, _, parts = self.options.part.partition("/")
         return (int(part), int(parts)) if part else None
 
     @property
     def folder(self) -> AnyPath:
-        """Where the dataset of this run lies."""
+        """The folder of the run's dataset."""
         return self.data_dir / self.dataset.name
 
     @property
@@ -163,7 +160,7 @@ class Run:
 
     @property
     def dataset_on_hub(self) -> tuple[str, str | None]:
-        """The id on the Hub, and the revision, of the dataset that what is published is of."""
+        """The Hub id and the revision of the dataset behind a published policy or environment."""
         publish = self.options.publish
         if publish.repo_id:
             return publish.repo_id, publish.version
@@ -171,7 +168,7 @@ class Run:
 
     @property
     def run_name(self) -> RunName:
-        """What tells the run of training from others on the same dataset."""
+        """The name that distinguishes the training run from others on the same dataset."""
         options = self.options
         return RunName(
             method=options.method_title,
@@ -183,18 +180,18 @@ class Run:
 
     @property
     def training_folder(self) -> Path:
-        """Where the policy lies that is trained."""
+        """The folder of the trained policy."""
         return Path(self.options.run_dir).expanduser() / self.dataset.name / self.run_name.name
 
     @property
     def export_folder(self) -> Path:
-        """Where the exports of the dataset lie, in a folder for each split."""
+        """The folder of the dataset's exports, with a subfolder for each split."""
         asked = self.options.export
         return Path(asked.folder).expanduser() / asked.format / NAMESPACE / self.dataset.name
 
     @property
     def local_dir(self) -> Path:
-        """The data_dir, for stages that need it on this machine; ConfigError if it is elsewhere."""
+        """The data_dir as a local folder; raises a ConfigError if it is in an object store."""
         if isinstance(self.data_dir, RemotePath):
             raise ConfigError(f"data_dir={self.data_dir}: report and publish need a local folder")
         return self.data_dir
@@ -205,22 +202,22 @@ def options_of(config: DictConfig) -> RunConfig:
 
     Raises:
         ConfigError: An option that does not exist was added as `+name=value`.
-        OmegaConfBaseException: A value is of another kind, or refers to what is not there.
+        OmegaConfBaseException: A value has the wrong type, or refers to a missing value.
     """
     values: Any = OmegaConf.to_container(config, resolve=True)
     return frozen(RunConfig, values)
 
 
 def resolve(options: RunConfig) -> Run:
-    """Return the run that options ask for.
+    """Check the options and return the run that they describe.
 
     Raises:
-        ConfigError: A value is impossible; the text says what was given and what is allowed.
+        ConfigError: A value is invalid; the message says what was given and what is allowed.
     """
     check_options(options, PlaceOptions)
     check(
         options.executor_address is None or options.executor != "local",
-        f"executor_address={options.executor_address}: executor=local has none",
+        f"executor_address={options.executor_address}: executor=local has no address",
     )
     check(
         options.leakage.config is None or options.leakage.source is not None,
@@ -235,23 +232,23 @@ def resolve(options: RunConfig) -> Run:
         f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
     )
     if isinstance(data_dir, Path) and options.executor != "local":
-        data_dir = data_dir.absolute()  # Workers of a cluster need not be where this process is.
+        data_dir = data_dir.absolute()  # A cluster's workers may have another working directory.
     run = Run(options, dataset_config(options), data_dir)
     if run.part is not None:
         part, parts = run.part
         check(
             part <= parts, f"part={options.part}: give a part from 1 to {parts}, such as 1/{parts}"
         )
-        check("build" in options.stages, f"part={options.part}: only stages=build has parts")
-        # The other stages need the whole dataset, which the last run puts together.
+        check("build" in options.stages, f"part={options.part}: only stages=build runs in parts")
+        # The other stages need the whole dataset, which the last run, without part, assembles.
         run = replace(run, options=replace(options, stages=("build",)))
         options = run.options
     check_method(options)
     stages = set(options.stages)
     if stages & {"report", "publish"}:
-        _ = run.local_dir  # Raises a ConfigError where the folder is on another machine.
+        _ = run.local_dir  # Raises a ConfigError if the folder is in an object store.
     if options.policy and stages & {"train", "evaluate"}:
-        check("train" not in stages, f"policy={options.policy} is not trained: stages=evaluate")
+        check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)

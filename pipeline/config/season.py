@@ -23,7 +23,7 @@ class SeasonOptions:
     folder: str = option("seasons", "folder of the seasons", like=LOCAL_FOLDER)
     date: str = option(
         "",
-        "when a season begins, such as 2026-11-30; no clock is asked",
+        "day on which the season begins, such as 2026-11-30; not filled in automatically",
         like=(r"(\d{4}-\d\d-\d\d)?", "a day such as 2026-11-30"),
     )
     submission: str = option(
@@ -38,7 +38,7 @@ class SeasonOptions:
 
 
 def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: str) -> None:
-    """Raise a ConfigError if an option is impossible, or missing for one of the stages."""
+    """Raise a ConfigError if an option is invalid, or missing for one of the stages."""
     check_options(options, SeasonOptions, "season.")
     check(
         "season" not in stages or is_day(options.date),
@@ -48,7 +48,7 @@ def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: 
         "judge" not in stages or bool(options.submission),
         "season.submission=: give the policy to judge, such as user/model@1.0.0",
     )
-    check(seed == 0, f"seed={seed}: that of a season follows from its secret, so give none")
+    check(seed == 0, f"seed={seed}: a season makes its seed from its secret: give no seed")
     check(
         executor == "local",
         f"executor={executor}: a season stays on one machine, so give executor=local",

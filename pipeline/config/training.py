@@ -1,6 +1,6 @@
 """The options of the stages `train`, `evaluate` and `results`.
 
-Torch is not imported here, so that `labyrinth-datasets --help` stays quick.
+This module does not import torch, so that `labyrinth-datasets --help` stays quick.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
-"""The folder of the configuration: in the installed package, or else in the clone."""
+"""Hydra's configuration folder: in the installed package, or else in the clone."""
 
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 """The modules of the methods in `pipeline.training.methods`."""
 
 IMAGE_SIZE = DEFAULT_IMAGE_SIZE
-"""Pixels on each side of what the baselines look at (supplement, section 1)."""
+"""Pixels on each side of the baselines' input (supplement, section 1)."""
 
 SUBMISSIONS = "submissions"
-"""The folder in `results_dir` that holds results of others' policies."""
+"""The folder in `results_dir` for the results of submitted policies."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +42,11 @@ class Protocol:
     resize: str
     """One of `data.observations.RESIZES`: `area` keeps every wall, `original` does not."""
     evaluate_every: int | None = None
-    """The number of epochs after which the policy is tried; None for that of the method."""
+    """The number of epochs between evaluations; None for the method's own."""
     patience: float = inf
-    """Evaluations without a better validation SR after which training stops."""
+    """The number of evaluations without a better validation success rate that end training."""
     first_of_equals: bool = False
-    """Whether the first of several equally good policies is kept, and not the latest."""
+    """Whether to keep the first of several equally good policies instead of the latest."""
 
 
 PROTOCOLS = {
@@ -54,14 +54,14 @@ PROTOCOLS = {
     "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
     "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"], first_of_equals=True),
 }
-"""The first two keep the policy with the best SR on validation.
+"""`default` and `paper` keep the policy with the best success rate on validation.
 
-`default` spends the whole budget, and shrinks pictures without losing walls. `paper` shows the
-authors' thin walls, resized as they do, without antialiasing, so that most walls vanish. It stops
-like a public script of theirs that trains BC: the policy is tried on the validation labyrinths
-every ten epochs, and training ends after five trials without a better success rate, or after the
-method's epochs (a thousand there). Here the other methods follow the same rule. `authors` is for
-the six methods of the authors' later code, which have their own settings and selection, and are in
+`default` trains for the method's whole budget, and shrinks pictures without losing walls. `paper`
+resizes the authors' thin walls as they do, without antialiasing, so that most walls vanish. It
+stops training like the authors' public script for BC: after five evaluations on the validation
+labyrinths, ten epochs apart, without a better success rate, or after the method's epochs (a
+thousand in that script). Here the other methods follow the same rule. `authors` is for the six
+methods of the authors' later code, which have their own settings and selection, and are in
 scripts/studies/methods/authors.
 """
 
@@ -72,36 +72,37 @@ class TrainingOptions:
 
     method: dict[str, Any] = option(  # noqa: RUF009
         {"name": "bc"},
-        f"{', '.join(METHODS)}, or module:Class of your own; its settings as method.epochs=...",
+        f"{', '.join(METHODS)}, or your own module:Class; with settings such as method.epochs=...",
     )
     encoder: str = option(
         "cnn",
-        f"network that looks at an observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have their "
-        "own",
+        f"network that encodes the observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have "
+        "their own",
         one_of=ENCODERS,
     )
     observation: str = option(
         "image",
-        "what is learnt from: image, or vector (for the encoder mlp); or text, for policy",
+        "input of the policy: image, vector (for encoder=mlp), or text (only for policy=...)",
         one_of=("image", "vector", "text"),
     )
     protocol: str = option(
         "default",
-        "default; paper for the original's resize and stopping rule; or authors for the methods of "
-        "their code",
+        "default, paper (resizes and stops as in the paper), or authors (for the methods of the "
+        "authors' code)",
         one_of=PROTOCOLS,
     )
     train_labyrinths: int | None = option(
-        None, "labyrinths of train to learn from, the first ones (all)", at_least=1
+        None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
     )
     dataset: str | None = option(
-        None, "id on the Hub, such as user/labyrinth, or another folder than data_dir"
+        None,
+        "dataset to use instead of data_dir: an id on the Hub, such as user/labyrinth, or a folder",
     )
     revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
     policy: str = option(
         "",
-        "policy to evaluate instead of a run's: module:name, or a published one such as "
-        "user/planner-5x5@1.0.0",
+        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
+        "Hub such as user/planner-5x5@1.0.0",
         like=(
             r"([\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
             "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
@@ -110,22 +111,22 @@ class TrainingOptions:
     )
     evaluate_on: str = option(
         "",
-        "another dataset to evaluate a run's policy on, such as data/other/4x6, or user/name/4x6 "
-        "on the Hub",
+        "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
+        "user/name/4x6 on the Hub",
         like=(r"(.*[^/]/\d+x\d+(-\w+)?)?", "a dataset and its config, such as data/other/4x6"),
     )
     results_dir: str = option(
         "results",
-        "folder of the tables, and of the evaluations that they are made of",
+        "folder of the evaluations, and of the tables made from them",
         like=LOCAL_FOLDER,
     )
     device: str = option(
-        "auto", "where networks are computed: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
+        "auto", "device of the networks: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
     )
     threads: int | None = option(
-        None, "threads of the processor for networks (all cores)", at_least=1, at_most=1_000
+        None, "CPU threads of the networks (all cores)", at_least=1, at_most=1_000
     )
-    tensorboard: bool = option(False, "write the learning curves for TensorBoard, too")
+    tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
 
     @property
     def method_name(self) -> str:
@@ -134,7 +135,7 @@ class TrainingOptions:
 
     @property
     def method_title(self) -> str:
-        """The name of the method in tables: of its class, or of the module of a class `Method`."""
+        """The method's name in tables: its class, or its module if the class is `Method`."""
         module, _, name = self.method_name.partition(":")
         found = name.rpartition(".")[2]
         return module.rpartition(".")[2] if found in ("", "Method") else found
@@ -151,17 +152,17 @@ class TrainingOptions:
 
 @dataclass(frozen=True)
 class EvaluationOptions:
-    """How the policy is shown labyrinths that `policy` names, and what its results say of it."""
+    """How the policy that `policy` names is evaluated, and how its results describe it."""
 
     image_size: int | None = option(
         None,
-        "pixels on each side of the pictures (what the policy says, or 64)",
+        "pixels on each side of the pictures (the policy's own size, or 64)",
         at_least=1,
         at_most=PICTURE_SIZE,
     )
     episodes: int | None = option(
         None,
-        "episodes a labyrinth, for a policy that draws at random",
+        "episodes per labyrinth, for a policy that samples its actions",
         at_least=1,
         at_most=MOST_EPISODES,
     )
@@ -170,40 +171,42 @@ class EvaluationOptions:
     )
     gifs: int = option(
         0,
-        "moving pictures of the policy, or of a run's, beside optimal episodes: of labyrinths of "
-        "test, those that it fails in first",
+        "number of GIFs that show the policy beside the solver in labyrinths of test, failures "
+        "first",
         at_least=0,
         at_most=1_000,
     )
-    name: str = option("", "what the policy is called in tables (what policy says)")
-    author: str = option("", "who made it")
+    name: str = option("", "name of the policy in tables (the value of policy)")
+    author: str = option("", "author of the policy")
     url: str = option(
         "",
-        "where it is described",
+        "page that describes the policy",
         like=(r"(https?://\S+)?", "an address such as https://example.org"),
     )
-    date: str = option("", "when it was evaluated, such as 2026-11-30; no clock is asked")
-    budget: str = option("", "what it has learnt from, such as '100 demonstrations of train'")
+    date: str = option(
+        "", "date of the evaluation, such as 2026-11-30; not filled in automatically"
+    )
+    budget: str = option("", "training data of the policy, such as '100 demonstrations of train'")
     train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
     train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
     parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
 
 
 def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> None:
-    """Raise a ConfigError if an option of the policy that is named is impossible."""
+    """Raise a ConfigError if an option for evaluating `policy` is invalid."""
     check_options(options, TrainingOptions)
     check(
         not options.evaluate_on,
-        f"evaluate_on={options.evaluate_on} is for policies of runs: for policy, give dataset",
+        f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
     check_options(evaluation, EvaluationOptions, "evaluation.")
 
 
 def check_training(options: TrainingOptions) -> None:
-    """Raise a ConfigError if an option is impossible."""
+    """Raise a ConfigError if an option for training is invalid."""
     name, seen = options.method_name, options.observation
     check_options(options, TrainingOptions)
-    check(seen != "text", "observation=text: encoders look at image or vector; text is for policy")
+    check(seen != "text", "observation=text is only for policy=...: give image or vector")
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
         options.encoder in fitting,
@@ -217,7 +220,7 @@ def check_training(options: TrainingOptions) -> None:
 
 
 def check_method(options: TrainingOptions) -> None:
-    """Raise a ConfigError if the option is neither a method of ours nor of the form of another."""
+    """Raise a ConfigError unless `method` is in `METHODS` or has the form `module:Class`."""
     name = options.method_name
     allowed = f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own"
     check(
@@ -227,18 +230,18 @@ def check_method(options: TrainingOptions) -> None:
 
 
 def named(option: str, name: str) -> Any:
-    """Return what `module:name` stands for, in a module of the working directory or installed.
+    """Import and return the object `module:name`, from the working directory or as installed.
 
     Args:
-        option: The option that names it, for the error.
+        option: The option that names the object, for the error message.
         name: The module and, after a colon, the name in it, which may have dots.
 
     Raises:
-        ConfigError: There is no such module, or no such name in it.
+        ConfigError: The module, or the name in it, does not exist.
     """
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
-    if here not in sys.path:  # As for `python -m`; the installed command has its own folder there.
+    if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.
         sys.path.insert(0, here)
     try:
         found: Any = import_module(module)
@@ -255,7 +258,7 @@ def named(option: str, name: str) -> Any:
 
 
 def check_run(run: RunName, observation: str) -> None:
-    """Raise a ConfigError if no method makes a run of this name for an observation."""
+    """Raise a ConfigError if no method makes a run of this name with this observation."""
     check(
         run.protocol in PROTOCOLS,
         f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}",

@@ -1,11 +1,11 @@
-"""The build: from candidates to structures, to shards, to a dataset; the manifest comes last.
+"""The stage `build`: from candidates to structures, to shards, to a dataset.
 
-Workers draw candidates in chunks. This process takes the structures of each split from them, by
-their ids, and plans the shards. Workers make a shard each. At last the shards get their table and
-their manifest.
+Workers draw candidates in chunks. This process picks the structures of each split from them, by
+their ids, and plans the shards. Workers make the shards. Last, this process writes the table of
+labyrinths and the manifest.
 
-A shard that is there already is not made again. So a build that was stopped goes on; parts are put
-together; and a finished dataset grows, or gets back what it has lost.
+A finished shard is not made again: a stopped build resumes, parts are joined, and a finished
+dataset grows or is repaired.
 
 A local dataset is built in `.NAME.building` beside its final folder, and moved there once finished.
 In an object store, which cannot rename, shards are uploaded under their final names, and the
@@ -60,25 +60,25 @@ from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
 
 CELLS_PER_SHARD = 400_000
-"""The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, some tens of megabytes."""
+"""The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
 
 Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
-"""What `plan` returns, as a function of the dataset that grows."""
+"""The function `plan`, of which only the argument `shorter` is open."""
 
 
 def run(run: Run, **sizes: Any) -> None:
-    """Build the dataset of a run, or a part of it, or what a finished one lacks.
+    """Build the dataset of a run, or a part of it, or complete a finished dataset.
 
-    A finished dataset lacks what is damaged or missing, or the labyrinths and shifts to grow by.
+    This makes its damaged or missing files again, or adds the labyrinths and shifts to grow by.
 
     Args:
         run: The run.
         sizes: As for `build`.
 
     Raises:
-        ConfigError: There are fewer labyrinths than asked for.
+        ConfigError: There are too few labyrinths.
         DatasetError: The folder holds another dataset or other files, or a damaged file cannot be
-            made again as it was.
+            made again with the same bytes.
         OSError: The folder cannot be written.
     """
     manifest = build(run, **sizes)
@@ -97,13 +97,13 @@ def build(
     cells_per_shard: int = CELLS_PER_SHARD,
     cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
 ) -> Manifest | None:
-    """Do what `run` does but for the summary, and return the manifest; None for a part.
+    """Build as `run` does, without the summary, and return the manifest, or None for a part.
 
     Args:
         run: The run.
-        cells_per_shard: The cells of all labyrinths in a shard; at least one labyrinth is in it.
-        cells_per_chunk: The cells of all candidates in the first chunk and in any other; at least
-            one candidate is in each.
+        cells_per_shard: The cells of all labyrinths in a shard, which has at least one labyrinth.
+        cells_per_chunk: The cells of all candidates in the first chunk and in any other; each has
+            at least one candidate.
     """
     workplace = Workplace.of(run.folder)
     plan_of = partial(plan, run, workplace, cells_per_shard, cells_per_chunk)
@@ -124,21 +124,21 @@ def build(
             return _build(run, workplace, there, plan_of)
         part, parts = run.part
         workplace.prepare(run.dataset, parts=parts)
-    # Under a name of its own, since parts are made at the same time.
+    # Each part has its own lock, because parts are made at the same time.
     with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
         shards = _made(run, plan_of(there)[0][part % parts :: parts])
     say(
         f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
-        "parts are, the same command without part makes the dataset of them."
+        "parts are, run the same command without part to join them."
     )
     return None
 
 
 def _there(run: Run) -> Manifest | None:
-    """Return the manifest of the dataset in the folder of a run, None if it has none.
+    """Return the manifest of the dataset in the folder of a run, None if there is no dataset.
 
-    It was built with the same options, or with fewer labyrinths or shifts and is to grow. In an
-    object store, where files are not replaced all at once, it cannot.
+    The dataset has the same options; or it has fewer labyrinths or shifts, and grows. A dataset in
+    an object store, where files are not replaced all at once, cannot grow.
     """
     folder = run.folder
     if not (folder / MANIFEST).is_file():
@@ -167,23 +167,23 @@ def _there(run: Run) -> Manifest | None:
 
 
 def _what_refers_to(manifest: Manifest, run: Run) -> str:
-    """Return which runs and results on this machine are of a dataset, by its fingerprint."""
+    """Return a clause that names runs and results of a dataset, found by its fingerprint."""
     folders = Path(run.options.run_dir) / manifest.config.name, Path(run.options.results_dir)
     files = chain.from_iterable(folder.expanduser().rglob("*.json") for folder in folders)
     mark = manifest.fingerprint.encode()
     found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
     named = ", ".join(sorted(found)[:2]) or "runs and results"
     more = f" and {len(found) - 2} more" if len(found) > 2 else ""
-    return f"{named}{more} of the dataset as it is would refer to one that is gone"
+    return f"{named}{more} would refer to a dataset that is gone"
 
 
 def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
-    """Make the damaged and the missing files of a finished dataset anew, and say which."""
+    """Make the damaged and missing files of a finished dataset again, and say which."""
     lacks = workplace.lacks(manifest)
     if not lacks:
         say(f"{run.folder} is complete already.")
         return
-    # The table follows from what all shards were made of.
+    # The table is made from the facts of all shards.
     again = {
         shard.path: ShardThere(workplace.folder / shard.path, shard)
         for shard in manifest.shards
@@ -204,7 +204,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> 
 
 
 def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Plan) -> Manifest:
-    """Build the whole dataset, of parts if there are any, and return its manifest."""
+    """Build the whole dataset, from its parts if it has any, and return its manifest."""
     try:
         workplace.prepare(run.dataset, overwrite=run.options.overwrite)
         jobs, form = plan_of(shorter)
@@ -235,26 +235,26 @@ def plan(
     cells_per_chunk: tuple[int, int],
     shorter: Manifest | None,
 ) -> tuple[list[ShardJob], int]:
-    """Return the shards to make, in the order of the manifest, and the format of the manifest.
+    """Return the jobs of all shards, in the order of the manifest, and the manifest's format.
 
     Workers draw the candidates if there are many.
 
     Args:
         run: The run.
-        workplace: Where it builds.
+        workplace: The folders of the build.
         cells_per_shard: As for `build`.
         cells_per_chunk: As for `build`.
-        shorter: The dataset of the same folder that grows, if one does.
+        shorter: The manifest of the dataset in the same folder if it grows, else None.
 
     Raises:
-        ConfigError: There are fewer labyrinths than asked for.
-        DatasetError: A dataset cannot grow.
+        ConfigError: There are too few labyrinths.
+        DatasetError: The dataset cannot grow.
     """
     config, building = run.dataset, workplace.building
 
     def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
         jobs = [(chunk, building) for chunk in chunks]
-        if run.part is not None:  # Each begins with its own, and draws what others have not.
+        if run.part is not None:  # Each part draws its own chunks first, then those still missing.
             part, parts = run.part
             own = len(jobs) * (part - 1) // parts
             jobs = jobs[own:] + jobs[:own]
@@ -289,17 +289,17 @@ def _shards_there(
 ) -> dict[tuple[str, bytes], ShardThere]:
     """Return the shards of the dataset that grows, by their split and the ids of their structures.
 
-    The structures of a split with a parent are those of the parent. If the dataset was built with
-    other versions of libraries, no shard is as it would be made now.
+    A split with a parent has the structures of the parent. No shard is returned if the dataset was
+    built with other versions of libraries, which may give other bytes.
 
     Args:
         folder: The folder of the shorter dataset.
         shorter: Its manifest.
-        structures: The structures of the longer one, for each split that has its own.
+        structures: The structures of the longer dataset, for each split that has its own.
 
     Raises:
-        DatasetError: The longer one would not have all labyrinths of the shorter one; or the table
-            of the shorter one is missing or damaged.
+        DatasetError: The longer dataset would lack labyrinths of the shorter one, or the table of
+            the shorter one is missing or damaged.
     """
     ids, row = structures_in(folder, shorter), 0
     there: dict[tuple[str, bytes], ShardThere] = {}
@@ -342,13 +342,13 @@ def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
-    """Raise ConfigError if a shift has no labyrinth at all; one of its shards may have none."""
+    """Raise ConfigError if a shift has no labyrinth at all; single shards may be empty."""
     for shift in config.shifts:
         if not any(shard.labyrinths for shard in shards if shard.split == shift):
             parents = f"{config.labyrinths} labyrinths of {SPLITS[shift].parent}"
             raise ConfigError(
-                f"shifts: there is no {shift} of any of {parents}; ask for more labyrinths, or "
-                f"leave {shift} out"
+                f"shifts: {shift} cannot be made from any of {parents}; ask for more labyrinths, "
+                f"or leave {shift} out"
             )
 
 
@@ -358,14 +358,14 @@ def _tabulate(
     jobs: Sequence[ShardJob],
     expected: TableFile | None = None,
 ) -> TableFile:
-    """Write the table of labyrinths, from what the sidecars of the shards hold.
+    """Write the table of labyrinths from the sidecars of the shards.
 
     Args:
-        workplace: Where the dataset is built.
-        folder: Where the table is to be.
+        workplace: The folders of the build.
+        folder: The folder of the table.
         jobs: The jobs of all shards, which are finished, in their order.
-        expected: The table that has to be written, if it is known already; else DatasetError is
-            raised, and nothing is written.
+        expected: The size and hash that the table must have, if known; another table raises a
+            DatasetError and is not written.
     """
     with new_file(folder / TABLE, workplace.building) as path:
         written = write_table(path, jobs[0].config, (left(job)[1:] for job in jobs))
@@ -378,7 +378,7 @@ def _loading_line(run: Run) -> str:
     """Return the line of Python that loads the dataset of a run."""
     place = str(run.data_dir)
     whole = str(run.data_dir.absolute()) if isinstance(run.data_dir, Path) else place
-    # `datasets` takes these for patterns, variables and chains of URLs, and finds no file.
+    # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
     is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
     load = "load_transitions" if is_strange or "://" in place else "load_dataset"
     return f"{load}({place!r}, {run.dataset.name!r})"

@@ -1,8 +1,8 @@
 """The candidates of a dataset: random structures in chunks, each a function of its number alone.
 
-Any worker can draw a chunk. The first one is as long as most datasets need, and is what a single
-stream of the seed begins with: datasets that need no other have the bytes that they had before
-there were chunks.
+So any worker can draw any chunk. The first chunk suffices for most datasets. It is the beginning of
+a single stream from the seed: datasets that need no other chunk have the same bytes as before
+chunks were introduced.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ CELLS_PER_CHUNK = 1_638_400, 204_800
 """The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
 
 UNFIT = -1
-"""Stands for the split of a candidate that is of no use, or that its chunk has already."""
+"""In place of the split of a candidate that no split can use, or that repeats one in its chunk."""
 
 Records = NDArray[np.void]
-"""Structures of one size, shape (n,): the id of each as a number, the place of its split in
+"""Structures of one size, shape (n,): the id of each as a number, the index of its split in
 `SAMPLED_SPLITS`, and its passages as bits."""
 
 
@@ -43,7 +43,7 @@ def record_type(config: DatasetConfig) -> np.dtype[np.void]:
 
 
 def pack(config: DatasetConfig, structures: Iterable[tuple[Structure, int]]) -> Records:
-    """Return structures, each with the place of its split, as records."""
+    """Return structures, each with the index of its split, as records."""
     items = [(int(each.structure_id, 16), split, each.to_bytes()) for each, split in structures]
     return np.array(items, record_type(config))
 
@@ -64,12 +64,12 @@ class Chunk:
 
     @property
     def name(self) -> str:
-        """The name of its file; chunks of other options have other names."""
+        """The name of the chunk's file, which depends on all options of the dataset."""
         key = json.dumps(self.config.to_json()), self.size
         return f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}-{self.number:05d}.chunk"
 
     def candidates(self) -> Iterator[tuple[Structure, int]]:
-        """Yield its candidates, and others without end, each with the place of its split."""
+        """Yield the chunk's candidates, then others without end, each with its split's index."""
         config, key = self.config, (self.number, DRAWING) if self.number else ()
         structures = sample_structures(
             config.height,
@@ -89,14 +89,14 @@ class Chunk:
             yield structure, place
 
     def records(self) -> Records:
-        """Draw it."""
+        """Draw the candidates of the chunk."""
         return pack(self.config, islice(self.candidates(), self.size))
 
     def read(self, folder: AnyPath) -> Records:
-        """Return what `draw_chunk` left in a folder.
+        """Read the candidates that `draw_chunk` wrote to a folder.
 
         Raises:
-            FileNotFoundError: It left nothing.
+            FileNotFoundError: The chunk has not been drawn.
             ValueError: The file is damaged.
         """
         path = folder / self.name
@@ -107,7 +107,7 @@ class Chunk:
 
 
 def draw_chunk(job: tuple[Chunk, AnyPath]) -> None:
-    """Draw a chunk into its file in a folder, unless it is there."""
+    """Draw a chunk and write its file to a folder, unless it is there."""
     chunk, folder = job
     try:
         chunk.read(folder)
@@ -116,7 +116,7 @@ def draw_chunk(job: tuple[Chunk, AnyPath]) -> None:
 
 
 class Candidates:
-    """The candidates of a dataset in order, as many as are asked for."""
+    """The candidates of a dataset, drawn in order and on demand."""
 
     def __init__(
         self,
@@ -129,7 +129,7 @@ class Candidates:
 
         Args:
             config: The configuration of the dataset.
-            draw: Returns the records of chunks, where the first one does not suffice; None to draw
+            draw: Returns the records of chunks, if the first one does not suffice; None to draw
                 them in this process.
             cells: The cells of all candidates in the first chunk and in any other.
         """

@@ -1,10 +1,10 @@
-"""The validation of a finished dataset: each labyrinth is made again, and its rows are compared.
+"""The stage `validate`: make each labyrinth of a finished dataset again, and compare its rows.
 
-The functions of the build make the rows from the structure in their text, or from that in the shard
-of the parent. The file must hold these rows: byte for byte, or pixel for pixel if the libraries are
-not those of the manifest; and the table of labyrinths must hold what they give. `rules` says what
-must hold of a labyrinth whoever made it. No structure is in two splits, and there are as many
-labyrinths as asked for.
+The build's functions make the rows from the structure in their text or, in a split with a parent,
+from the structures in the parent's shard. The file must hold these rows: byte for byte if the
+libraries are those of the manifest, else pixel for pixel. The table of labyrinths must hold the
+facts that follow from them. Each labyrinth must keep the rules in `rules`. No structure may occur
+twice in splits without a parent. The number of labyrinths must be the configured one.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ PROBLEMS_SHOWN = 20
 
 
 class ValidationError(DatasetError):
-    """A dataset that is not valid; `problems` has one line for each reason."""
+    """A dataset is not valid; `problems` has one line for each reason."""
 
     def __init__(self, folder: AnyPath, problems: list[str]) -> None:
         self.problems = problems
@@ -71,8 +71,8 @@ def run(run: Run) -> None:
     """Validate the dataset in the folder of a run.
 
     Raises:
-        ValidationError: Rows are wrong; the message names file, row and field.
-        DatasetError: There is no dataset.
+        ValidationError: The dataset is wrong; the message names file, row and field.
+        DatasetError: The dataset does not exist.
     """
     manifest = Manifest.read(run.folder)
     problems = validate(run.folder, manifest, run.options.workers)
@@ -93,8 +93,8 @@ class ShardReport:
     shard: Shard
     problems: list[str]
     structures: NDArray[np.int64] = field(default_factory=lambda: np.empty((0, 2), np.int64))
-    """The id of the structure of each labyrinth, and its first row: shape (labyrinths, 2). There
-    may be millions."""
+    """The id of each labyrinth's structure, and the labyrinth's first row: shape (labyrinths, 2).
+    There may be millions."""
 
 
 def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
@@ -129,21 +129,21 @@ def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]
 
 
 def check_shard(job: CheckJob) -> ShardReport:
-    """Return what is wrong with one shard, and where its structures are."""
+    """Return the problems of one shard, and the rows of its structures."""
     import pyarrow as pa
 
     path = job.shard.path
     try:
         with local_copy(job.folder / path) as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
-                return ShardReport(job.shard, [f"{path}: its columns are not the five"])
+                return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
             with open_shard(local) as file, no_garbage_collection():
                 if problem := footer_problem(file, job.shard.rows):
                     return ShardReport(job.shard, [f"{path}: {problem}"])
                 return _compared(job, file, local)
     except FileNotFoundError:
         return ShardReport(job.shard, [f"{path} is missing"])
-    except MemoryError:  # Of Arrow, too; nothing is wrong with the file.
+    except MemoryError:  # Also Arrow's; nothing is wrong with the file.
         raise
     except (OSError, pa.ArrowException, UnicodeDecodeError) as error:
         return ShardReport(job.shard, [f"{path} cannot be read: {one_line(error)}"])
@@ -172,7 +172,7 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
     lines = [f"{shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += unreadable
     known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
-    if not lines:  # What else the manifest says of rows that are wrong is not known.
+    if not lines:  # If rows are wrong, their counts and fingerprint are not known.
         known |= content.counts | {"fingerprint": fingerprint.hexdigest()}
     lines += (
         f"{shard.path}: {name} {value}, but the manifest says {expected}"
@@ -187,11 +187,11 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
 
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:
-    """Yield the splits that hold too few or too many labyrinths or shards."""
+    """Yield a message for each split with too few or too many labyrinths or shards."""
     shards_of, asked = _shards_of(manifest), manifest.config.labyrinths
     for split, shards in shards_of.items():
         held, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
-        # A shift leaves out what has no such variant; `check_shard` looks for these.
+        # A shift leaves out labyrinths without such a variant; `check_shard` checks which.
         short = split in SHIFTS and parent is not None and 0 < held < asked
         if held != asked and not short:
             yield f"{split} holds {held} labyrinths, not {asked}"
@@ -200,7 +200,7 @@ def _miscounted(manifest: Manifest) -> Iterator[str]:
 
 
 def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
-    """Return the shards of each split, none where the manifest has lost them."""
+    """Return the shards of each split; the list is empty if the manifest has lost them."""
     splits, shards = manifest.config.splits, manifest.shards
     return {split: [shard for shard in shards if shard.split == split] for split in splits}
 
@@ -208,7 +208,7 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
 def _jobs(
     folder: AnyPath, manifest: Manifest, with_table: bool, train: Train
 ) -> Iterator[CheckJob]:
-    """Yield the job of each shard; labyrinths that have a parent are numbered like it."""
+    """Yield the job of each shard; a labyrinth with a parent has the parent's number."""
     same_bytes = dict(manifest.versions) == build_versions()
     shards_of, table_row = _shards_of(manifest), 0
     for split, shards in shards_of.items():
@@ -233,7 +233,7 @@ def _jobs(
 
 
 def _train(folder: AnyPath, manifest: Manifest) -> Train:
-    """Return what train has, as far as the shifts of a dataset need it.
+    """Return the properties of train that the shifts of a dataset need.
 
     Raises:
         DatasetError: Train cannot be read.
@@ -254,7 +254,7 @@ def _train(folder: AnyPath, manifest: Manifest) -> Train:
 
 
 def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
-    """Yield the structures that an earlier row has, too."""
+    """Yield a message for each structure that an earlier row has, too."""
     ids, rows = np.concatenate([np.empty((0, 2), np.int64), *(r.structures for r in reports)]).T
     begins = np.cumsum([0, *(len(report.structures) for report in reports)])
     order = np.argsort(ids, kind="stable")
@@ -271,7 +271,7 @@ def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
 
 
 def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
-    """Return what is wrong with the file as a whole, and whether its rows can be compared."""
+    """Return what is wrong with the table of labyrinths as a file, and if rows can be compared."""
     import pyarrow as pa
 
     path = folder / TABLE
@@ -297,13 +297,13 @@ def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str],
 
 
 def table_problems(job: CheckJob, facts: Facts, first: int) -> Iterator[str]:
-    """Yield the columns of a part of the table that are not what the rows of a shard give.
+    """Yield a message for each column of the table that differs from the rows of a shard.
 
-    Each is named once, with the first row in which it is wrong.
+    Each column is named once, with the first row in which it is wrong.
 
     Args:
         job: The job of the shard.
-        facts: What the rows of the shard say.
+        facts: The facts that follow from the rows of the shard.
         first: The row of the table with the first labyrinth of the shard.
     """
     import pyarrow as pa

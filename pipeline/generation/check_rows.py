@@ -1,4 +1,4 @@
-"""The rows of a shard beside those that the build would write, labyrinth by labyrinth."""
+"""Compare the rows of a shard with those that the build would write, labyrinth by labyrinth."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ class CheckJob:
     shard: Shard
     config: DatasetConfig
     first: int
-    """The number of its first labyrinth in the split, or of that one's parent in the parent's."""
+    """The number in its split of the first labyrinth in the shard, or in `parent` if given."""
     first_row: int
     """The number of rows of the split in earlier shards."""
     same_bytes: bool
-    """Whether pictures must be equal byte for byte, since the libraries are the manifest's."""
+    """Whether pictures must be equal byte for byte, because the manifest's libraries are used."""
     train: Train
-    """What train has."""
+    """The properties of train."""
     parent: Shard | None = None
-    """The shard with the labyrinths that those of this one are made from."""
+    """The shard with the parents of this shard's labyrinths, if they have parents."""
     table_row: int | None = None
-    """The row of its first labyrinth in the table of labyrinths; None not to compare them."""
+    """The row of its first labyrinth in the table of labyrinths; None skips the comparison."""
 
 
 class Problem(NamedTuple):
@@ -77,7 +77,7 @@ class Remade(NamedTuple):
     """A labyrinth that was made again."""
 
     number: int
-    """Its number in the split, or that of its parent in the parent's."""
+    """Its number in the split, or its parent's number in the parent split."""
     parent: Labyrinth | None
     info: str
     """Its text."""
@@ -85,7 +85,7 @@ class Remade(NamedTuple):
 
 
 def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
-    """Yield the rows of a file up to the first that has a null, which is added to the problems."""
+    """Yield the rows of a file up to the first with a null, which is added to `problems`."""
     first = 0
     # A row group is read at once, unless it has very many rows.
     batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
@@ -100,14 +100,14 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
             if None in row:
                 missing = next(name for name, value in row._asdict().items() if value is None)
                 column = missing.removesuffix("_path")
-                problems.append(Problem(number, column, "nothing there"))
+                problems.append(Problem(number, column, "no value"))
                 return
             yield row
         first += len(columns[0])
 
 
 def _texts(column: pa.Array) -> list[str | None]:
-    """Return the texts of a column, equal ones as one object if it is dictionary-encoded.
+    """Return the texts of a column; in a dictionary-encoded column, equal texts are one object.
 
     The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
     """
@@ -120,10 +120,10 @@ def _texts(column: pa.Array) -> list[str | None]:
 
 
 def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:
-    """Yield the rows of each labyrinth, which have to be read before those of the next.
+    """Yield the rows of each labyrinth, to be read before the next labyrinth is asked for.
 
-    A labyrinth ends where the text changes, unless the next row alone has the new text and does not
-    begin an episode.
+    A new labyrinth begins where the text changes. But a single row with another text that does not
+    begin an episode counts as a wrong row of the same labyrinth.
     """
 
     def numbered() -> Iterator[tuple[int, int, Row]]:
@@ -145,10 +145,10 @@ def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:
 def made_again(
     job: CheckJob, labyrinths: Iterator[Found], problems: list[Problem]
 ) -> Iterator[tuple[Found, Remade]]:
-    """Yield the rows of each labyrinth, and what the build makes of its structure.
+    """Yield the rows of each labyrinth, and the labyrinth that the build makes of its structure.
 
-    Texts of which nothing can be made, and labyrinths without a parent or that are missing, are
-    added to the problems.
+    Texts without a labyrinth, missing labyrinths and labyrinths without their parent are added to
+    `problems`.
 
     Raises:
         DatasetError: The shard of the parent cannot be read.
@@ -170,9 +170,9 @@ def made_again(
 def _of_parent(
     job: CheckJob, parent: Shard, labyrinths: Iterator[Found], problems: list[Problem]
 ) -> Iterator[tuple[Found, Remade]]:
-    """Do what `made_again` does, with the structures in the parent's shard.
+    """Do the work of `made_again` with the structures in the parent's shard.
 
-    A labyrinth is missing where the names of the next pictures have a higher number.
+    A labyrinth is missing if the name of the next picture has a higher number.
     """
     pattern = re.compile(rf"{job.shard.split}-(\d{{6,9}})-", re.ASCII)
     found = next(labyrinths, None)
@@ -184,13 +184,13 @@ def _of_parent(
         named = pattern.match(found.picture) if found else None
         if found is None or (named and int(named[1]) > number):
             row = found.first if found else job.shard.rows
-            what = f"what labyrinth {number} of {parent.split} becomes is missing"
+            what = f"the labyrinth made from labyrinth {number} of {parent.split} is missing"
             problems.append(Problem(row, "info", what))
         else:
             yield found, right
             found = next(labyrinths, None)
     others = chain([found] if found else [], labyrinths)
-    without = f"a labyrinth that is made from none of {parent.split}"
+    without = f"a labyrinth that is not made from any of {parent.split}"
     problems += (Problem(other.first, "info", without) for other in others)
 
 
@@ -203,10 +203,10 @@ def _structures_of(folder: AnyPath, shard: Shard) -> Iterator[Structure]:
 
 
 def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
-    """Return what the build makes of a structure.
+    """Return the labyrinth that the build makes of a structure.
 
     Raises:
-        LabyrinthError: It makes nothing of the structure.
+        LabyrinthError: The build makes no labyrinth of the structure.
     """
     config, split = job.config, job.shard.split
     if (structure.height, structure.width) != (config.height, config.width):
@@ -218,16 +218,16 @@ def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
 def differences(
     job: CheckJob, found: Found, right: Remade, rows: Iterator[Row]
 ) -> Iterator[Problem]:
-    """Yield what differs between the rows of a labyrinth and those that were made again.
+    """Yield the differences between the rows of a labyrinth and those that were made again.
 
-    The rules are checked of the labyrinth that was made, and of the one that is there if it is
-    another.
+    The labyrinth that was made again must keep the rules, and the one in the file, too, if it
+    differs.
 
     Args:
         job: The job.
-        found: The rows that are there.
+        found: The rows in the file.
         right: The labyrinth that was made again.
-        rows: Its rows.
+        rows: The rows of `right`.
     """
     config, split, solution = job.config, job.shard.split, right.solution
     rules = partial(labyrinth_problems, config, split, parent=right.parent, train=job.train)
@@ -246,7 +246,7 @@ def differences(
     expected = sum(len(episode.states) for episode in solution.episodes)
     if count != expected:
         yield Problem(found.first, "actions", f"{count} rows, not {expected}")
-        # Rows after the first that differs do so because of that one.
+        # The first wrong row explains those after it.
         problems = [problem for problem in problems if problem.row == problems[0].row]
     yield from problems
 
@@ -257,7 +257,7 @@ def _described(
     right: Labyrinth,
     rules: Callable[[Labyrinth], Iterable[str]],
 ) -> Iterator[str]:
-    """Yield why a text is not that of the labyrinth that was made again."""
+    """Yield why a text is not the text of `right`, the labyrinth that was made again."""
     try:
         found = parse(text)
     except LabyrinthSyntaxError as error:
@@ -306,7 +306,7 @@ def _decoded(png: bytes) -> NDArray[np.uint8]:
                 if image.size != (PICTURE_SIZE, PICTURE_SIZE) or image.mode != "RGB":
                     raise ValueError(f"it is {image.size}, {image.mode}")
                 return np.array(image)
-    except Exception as error:  # Pillow raises whatever its parser stumbles over.
+    except Exception as error:  # Pillow's parser raises many kinds.
         raise ValueError(
             f"not a picture of {PICTURE_SIZE} pixels, RGB: {one_line(error)}"
         ) from error

@@ -1,4 +1,4 @@
-"""What a structure becomes in each split: a labyrinth, and the episodes that are shown of it."""
+"""Make the labyrinth of a structure in each split, and its episodes."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from labyrinth_core.world.tasks import (
 TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 PLACING, ACTING, DRAWING = 0, 1, 2
-"""The purposes of randomness: of a structure in a split, and of a chunk of candidates."""
+"""The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
 
 
 def item_rng(
@@ -57,16 +57,16 @@ def item_rng(
 def labyrinth_and_parent(
     config: DatasetConfig, split: str, structure: Structure
 ) -> tuple[Labyrinth, Labyrinth | None]:
-    """Return the labyrinth that a structure becomes in a split, and the one that it is made from.
+    """Return the labyrinth of a structure in a split, and its parent, None if it has no parent.
 
     Args:
         config: The configuration of the dataset.
         split: One of its splits.
-        structure: A structure of that split; of its parent, if it has one.
+        structure: A structure of that split, or of its parent split if it has one.
 
     Raises:
-        LabyrinthError: The structure has no such labyrinth: it cannot hold the task, or no other
-            goal can, or no wall can be changed.
+        LabyrinthError: There is no such labyrinth: the structure cannot hold the task, or has no
+            other start or goal for it, or none of its walls can be changed.
     """
     kind = SPLITS[split]
     if kind.parent is None:
@@ -84,7 +84,7 @@ def labyrinth_and_parent(
 
 
 def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the first of what `labyrinth_and_parent` returns; raise as it does."""
+    """Return the labyrinth of `labyrinth_and_parent`, which also lists the errors."""
     return labyrinth_and_parent(config, split, structure)[0]
 
 
@@ -104,7 +104,7 @@ def _own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> L
     if config.goals == "varied":
         return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
-    if config.task in TASKS_WITHOUT_TILES:  # Nothing is random about it.
+    if config.task in TASKS_WITHOUT_TILES:  # Nothing is drawn.
         return Labyrinth(structure, start, goal, config.task)
     return place(structure, start, goal, config.task, item_rng(config, split, structure))
 
@@ -128,11 +128,11 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
 def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
     """Return a labyrinth of train with one wall opened or shut; the tiles stay where they are.
 
-    The wall is one of those that `twin_problem` allows, each of them equally likely. The structure
-    is one that no dataset trains on, like those of test.
+    Each wall that `twin_problem` allows is equally likely. The new structure is in the bucket of
+    test, so no dataset trains on it.
 
     Raises:
-        LabyrinthError: No wall can be changed so.
+        LabyrinthError: No wall can be changed in this way.
     """
     structure = labyrinth.structure
     passages = list(_worth_changing(config, labyrinth))
@@ -151,7 +151,7 @@ def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
 
 
 def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) -> str | None:
-    """Return why a labyrinth is not a twin of a labyrinth of train, None if it is one."""
+    """Return why `other` is not a twin of a labyrinth of train, None if it is."""
     for each in fields(Labyrinth):
         if each.name != "structure" and getattr(other, each.name) != getattr(labyrinth, each.name):
             return f"its {each.name} is not that of its parent"
@@ -190,10 +190,10 @@ def walls(structure: Structure) -> Iterator[tuple[int, int]]:
 
 
 def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
-    """Yield the pairs of cells between which a change can matter.
+    """Yield the pairs of cells between which opening or shutting can change the shortest route.
 
-    A passage to shut is on the demonstrated route. A wall to open leads nearer to the goal, or, in
-    key and door, perhaps to the key.
+    Only a passage on the demonstrated route is worth shutting. A wall is worth opening if that
+    makes a shorter way to the goal, or, in key and door, perhaps to the key.
     """
     structure = labyrinth.structure
     yield from sorted(set(_demonstrated(config, labyrinth)))
@@ -218,7 +218,7 @@ class Solution(NamedTuple):
 
     episodes: list[Episode]
     shortest: tuple[int, int]
-    """How many moves a shortest route has, and how many such routes there are."""
+    """The number of moves of a shortest route, and the number of such routes."""
 
     @property
     def labyrinth(self) -> Labyrinth:
@@ -230,12 +230,12 @@ def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
     """Return the episodes of a labyrinth, in order.
 
     Args:
-        config: The configuration, which says which routes are asked for.
+        config: The configuration, which selects the routes.
         split: The split of the labyrinth; in `random` a random policy acts instead.
         labyrinth: The labyrinth to solve.
     """
     kind = SPLITS[split]
-    # Where a shift changes only pictures, its randomness is that of its parent.
+    # A shift that changes only pictures uses the randomness of its parent.
     drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
     make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
     if split == "random":
@@ -254,7 +254,7 @@ def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
 def _random_episodes(
     labyrinth: Labyrinth, rng: np.random.Generator, steps: int
 ) -> Iterator[Episode]:
-    """Yield episodes of a random policy that have `steps` steps in total, the last one cut."""
+    """Yield episodes of a random policy with `steps` steps in total; the last one is cut off."""
     while steps:
         episode = random_episode(labyrinth, rng, steps)
         steps -= len(episode)

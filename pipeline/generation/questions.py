@@ -1,8 +1,8 @@
-"""The stage `questions`: a config beside a dataset, with a question about each labyrinth.
+"""The stage `questions`: write a config beside a dataset, with a question about each labyrinth.
 
-It follows from the rows of the dataset, which it leaves as they are. Its folder has a manifest of
-its own, in the form of a dataset's: each shard is made from the dataset's shard of that name, and
-has its fingerprint, which shows whether the questions are about the rows of the dataset.
+The questions are made from the rows of the dataset, which do not change. Their folder has its own
+manifest, in the format of a dataset's. Each shard is made from the dataset's shard of the same
+name, and has its fingerprint, which shows whether the questions match the rows of the dataset.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 
 GROUP_ROWS = 256
-"""The rows of a row group, some 3 MB."""
+"""The rows of a row group, about 3 MB."""
 WRITER_OPTIONS = {
     "compression": "zstd",
     "use_dictionary": False,
-    "write_statistics": ["labyrinth_id", "moves"],  # Of pictures they would be pictures.
+    "write_statistics": ["labyrinth_id", "moves"],  # Those of pictures would be pictures.
     "write_page_index": True,
     "store_schema": False,
 }
@@ -57,16 +57,16 @@ class Job(NamedTuple):
 
 
 def run(run: Run) -> None:
-    """Write the questions about the dataset of a run, unless they are there.
+    """Write the questions about the dataset of a run, unless they are there already.
 
     Raises:
-        DatasetError: There is no dataset, or it is damaged; or its labyrinths make no questions; or
-            a user's files are in the place of the questions.
+        DatasetError: The dataset does not exist or is damaged, its labyrinths allow no questions,
+            or a user's files are in the place of the questions.
         OSError: The folder cannot be written.
     """
     manifest, folder = Manifest.read(run.folder), run.data_dir / questions_config(run.dataset.name)
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
-    is_other = front_matter.questions_of(run.data_dir, manifest) is None  # Then it is of no use.
+    is_other = front_matter.questions_of(run.data_dir, manifest) is None  # Then replace it.
     names = [MANIFEST, *(job.shard.path for job in _jobs(run.folder, manifest, folder))]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
     with produced(folder, key, overwrite=is_other, **rules) as made:
@@ -77,7 +77,7 @@ def run(run: Run) -> None:
 
 
 def _make(run: Run, manifest: Manifest, folder: AnyPath) -> str:
-    """Make the questions about a dataset in a folder; return how many there are, in words."""
+    """Write the questions about a dataset to a folder; return a phrase with their number."""
     jobs = _jobs(run.folder, manifest, folder)
     write = partial(_write, scratch=folder.parent)
     made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
@@ -93,7 +93,7 @@ def _jobs(dataset: AnyPath, manifest: Manifest, folder: AnyPath) -> list[Job]:
 
 
 def _write(job: Job, scratch: AnyPath) -> Shard:
-    """Write the questions about a shard and return what was written."""
+    """Write the questions about a shard, and return their shard."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -122,7 +122,7 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
 
 
 def _questions(job: Job) -> Iterator[dict[str, Any]]:
-    """Yield the question about each labyrinth of a shard; raise DatasetError if one cannot be."""
+    """Yield the question about each labyrinth of a shard; raise DatasetError if one allows none."""
     for route in routes_of(job.dataset, job.shard):
         if route.is_first:
             try:
@@ -150,9 +150,9 @@ def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -
 
 
 def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
-    """Return the columns of the questions about a shard that its labyrinths do not give.
+    """Return a message for each column of the questions that differs from what labyrinths give.
 
-    Each is named once, with the first row in which it is wrong.
+    Each column is named once, with the first row in which it is wrong.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
@@ -171,7 +171,7 @@ def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
                 pairs = zip_longest(chain.from_iterable(batches), _questions(job))
                 for number, (row, right) in enumerate(pairs):
                     if row is None or right is None:
-                        return [f"{path}: its rows end with {number}, or go on after it"]
+                        return [f"{path}: it has too few or too many rows, from row {number} on"]
                     for name in right:
                         if row[name] != right[name] and (same_bytes or name not in PICTURES):
                             wrong.setdefault(name, number)

@@ -1,4 +1,4 @@
-"""The rules for labyrinths of each split, and for routes, that hold whoever made them."""
+"""The rules for labyrinths and routes of each split, whatever program made them."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ def labyrinth_problems(
     parent: Labyrinth | None,
     train: Train,
 ) -> Iterator[str]:
-    """Yield the rules of a split that a labyrinth breaks.
+    """Yield a message for each rule of a split that a labyrinth breaks.
 
     Args:
         config: The configuration of the dataset.
         split: The split of the labyrinth.
         labyrinth: The labyrinth.
-        parent: The labyrinth that it is made from, None if it has no parent or that is not known.
-        train: What train has.
+        parent: The labyrinth that it is made from; None if it has no parent, or an unknown one.
+        train: The properties of train.
     """
     kind, structure = SPLITS[split], labyrinth.structure
     if not structure.is_connected:
@@ -40,7 +40,7 @@ def labyrinth_problems(
     if bucket != kind.bucket:
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
-        yield f"it is to be drawn {labyrinth.look}, not {kind.look}"
+        yield f"its look is {labyrinth.look}, not {kind.look}"
     if parent is not None:
         yield from _relation_problems(config, kind, labyrinth, parent)
     if split in SELECTED_SHIFTS:
@@ -74,21 +74,21 @@ def _relation_problems(
 
 
 def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
-    """Return the least distance between start and goal where they are changed, without walls."""
+    """Return the least distance between a changed start and goal, in moves without walls."""
     least = (config.height + config.width) // 2
     if kind.new_start and kind.new_goal:
         return least
-    # An end that moves alone may have no cell to move to that is farther away.
+    # If only one of the two moves, no cell may be that far from the other.
     stays = parent.goal if kind.new_start else parent.start
     cells = {*range(parent.structure.cells)} - {parent.start, parent.goal}
     return min(least, max(manhattan(cell, stays, config.width) for cell in cells))
 
 
 def route_problems(config: DatasetConfig, split: str, solution: Solution) -> Iterator[str]:
-    """Yield which rules the demonstrations of a labyrinth break.
+    """Yield a message for each rule that the demonstrations of a labyrinth break.
 
-    Each route ends at the goal, and is as short as possible unless `solutions` is `all`. A random
-    policy and a demonstrator with noise have no such rules.
+    Each route must end at the goal, and be as short as possible unless `solutions` is `all`. These
+    rules do not apply to a random policy or a demonstrator with noise.
     """
     if split == "random" or config.noise:
         return

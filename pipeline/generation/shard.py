@@ -1,7 +1,7 @@
-"""One shard: its labyrinths are solved, pictured and written, some at a time.
+"""Make one shard: solve its labyrinths, render them and write them, in batches.
 
-A shard that is there already is not made again. So a build that was stopped goes on, parts are put
-together, and a dataset is mended or grows.
+A finished shard is not made again. So a stopped build resumes, parts are joined, and a dataset is
+repaired or grows.
 """
 
 from __future__ import annotations
@@ -49,11 +49,11 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 CELLS_PER_BATCH = 2_000
-"""The cells of the labyrinths that each step takes at once: 80 labyrinths at 5x5. One by one a
-build would cost 8% to 15% more (600 labyrinths at 5x5, CPU time, 12 rounds)."""
+"""The cells of the labyrinths in a batch: 80 labyrinths at 5x5. Without batches a build would cost
+8% to 15% more (600 labyrinths at 5x5, CPU time, 12 rounds)."""
 
 ROW_GROUP = 256
-"""The number of rows after which a row group ends, at the next end of an episode."""
+"""A row group with this many rows ends at the next end of an episode."""
 
 REMEMBERED_BYTES = 32 << 20
 """The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
@@ -66,23 +66,23 @@ WRITER_OPTIONS = {
     "compression": "zstd",
     "compression_level": 1,
     "use_dictionary": ["info"],
-    # Statistics of pictures would be pictures.
+    # The statistics of a column of pictures would hold whole pictures.
     "write_statistics": ["actions", "rewards", "episode_starts"],
     "write_page_index": True,
-    # It would say that texts are places in a dictionary, also to readers.
+    # With the schema, readers would get the texts as indices into a dictionary.
     "store_schema": False,
 }
 
 
 @dataclass(frozen=True)
 class ShardThere:
-    """A shard of the finished dataset that is to be mended or to grow."""
+    """A shard of the finished dataset that is being repaired or grows."""
 
     path: AnyPath
     shard: Shard
     table_row: int | None = None
-    """The row of its first labyrinth in the table of labyrinths; None if the shard, or the table,
-    is damaged, so that the shard is made again."""
+    """The row of its first labyrinth in the table of labyrinths; None if the shard or the table is
+    damaged, so that the shard is made again."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ class ShardJob:
     structures: Records
     path: AnyPath
     building: AnyPath
-    """The folder of the file that is left beside it."""
+    """The folder of the sidecar."""
     there: ShardThere | None = None
     """The shard of the same structures in the finished dataset, if it has one."""
 
@@ -107,7 +107,7 @@ class ShardJob:
 
     @property
     def key(self) -> str:
-        """A hash of all that the bytes of the shard follow from."""
+        """A hash of everything that determines the bytes of the shard."""
         given = self.config.to_json()
         config = {name: given[name] for name in given.keys() - {"labyrinths", "shifts"}}
         of_all = sorted(config.items()), build_versions()
@@ -116,17 +116,17 @@ class ShardJob:
 
 
 def not_as_it_was(path: AnyPath) -> str:
-    """Return why a file that was made anew is not kept."""
+    """Return the error message for a file that was made again with other bytes."""
     return (
-        f"{path} cannot be made again as its {MANIFEST} says, which names the versions that it "
-        "was made with: overwrite=true builds the whole dataset anew"
+        f"{path} cannot be made again with the same bytes: use the library versions in {MANIFEST}, "
+        "or give overwrite=true to build the whole dataset anew"
     )
 
 
 def finished(job: ShardJob) -> Shard | None:
-    """Return the shard of a job if it is there already, None if it has to be made.
+    """Return the shard of a job if it is finished, None if it must be made.
 
-    Either an earlier run has made it, or the finished dataset has it.
+    Either an earlier run made it, or it is copied from the finished dataset.
     """
     with suppress(FileNotFoundError, *MALFORMED):
         mark, shard, facts = left(job)
@@ -145,7 +145,7 @@ def finished(job: ShardJob) -> Shard | None:
 
 
 def make_shard(job: ShardJob) -> Shard:
-    """Make the shard of a job, or return the one that is there already.
+    """Make the shard of a job unless it is finished, and return it.
 
     Raises:
         DatasetError: The finished dataset has the shard with other bytes.
@@ -179,14 +179,14 @@ def make_shard(job: ShardJob) -> Shard:
 
 
 def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
-    """Mark a shard as finished by its sidecar: a line of JSON, and its facts as an array."""
+    """Write the sidecar that marks a shard as finished: a line of JSON, then the facts' bytes."""
     line = json.dumps({"mark": _mark(job, facts), "shard": asdict(shard)})
     write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
     return shard
 
 
 def left(job: ShardJob) -> tuple[str, Shard, Facts]:
-    """Return what the sidecar of a job holds: its mark, the shard and the facts; see `finished`.
+    """Read the sidecar of a job: its mark, the shard and the facts; see `finished`.
 
     Raises:
         FileNotFoundError: The shard is not finished.
@@ -208,7 +208,7 @@ def _mark(job: ShardJob, facts: Facts) -> str:
 
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:
-    """Yield the labyrinths of a shard some at a time, each with its number and its parent."""
+    """Yield the labyrinths of a shard in batches, each with its number and its parent."""
 
     def each() -> Iterator[tuple[int, Labyrinth, Labyrinth | None]]:
         for number, structure in enumerate(unpack(job.config, job.structures), start=job.first):
@@ -242,10 +242,10 @@ class Row(NamedTuple):
 class Fingerprint:
     """A hash of the values and pixels of rows, in their order.
 
-    It is the SHA-256 of this for each row: the picture's digest, `actions` as int64, `rewards` as
-    float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of `info` in
-    UTF-8, sixteen bytes. It tells whether two datasets have the same content, whatever their
-    compression; it does not protect against forgery, as the SHA-256 of each file does.
+    It is the SHA-256 of these bytes of each row: the picture's digest, `actions` as int64,
+    `rewards` as float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of
+    `info` in UTF-8, sixteen bytes. It tells whether two datasets have the same content, whatever
+    their compression. Unlike the SHA-256 of each file, it does not protect against forgery.
     """
 
     _NUMBERS = struct.Struct("<qf?")
@@ -271,7 +271,7 @@ class Fingerprint:
 
 
 def render(split: str, number: int, info: str, episodes: list[Episode]) -> Iterator[list[Row]]:
-    """Yield the rows of each episode of one labyrinth, those of a long one in parts.
+    """Yield the rows of each episode of one labyrinth; a long episode is split into parts.
 
     Args:
         split: The split of the labyrinth.
@@ -289,7 +289,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
         for first in range(0, len(states), DRAWN_AT_ONCE):
             part = slice(first, first + DRAWN_AT_ONCE)
-            if drawn_once:  # 4-5% faster than one by one, at 5x5 and at 25x25.
+            if drawn_once:  # 4-5% faster than picture by picture, at 5x5 and at 25x25.
                 pngs, digests = pictures.draw(states[part])
             else:
                 pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
@@ -298,9 +298,9 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
 
 
 class Pictures(dict[State, tuple[bytes, bytes]]):
-    """A cache of the pictures of a labyrinth's states, each made when it is first needed.
+    """A cache of the pictures of a labyrinth's states, each drawn when it is first needed.
 
-    A picture is its PNG file and the digest of its pixels: see `PictureDigest`.
+    A value is the PNG file and the digest of its pixels: see `PictureDigest`.
     """
 
     def __init__(self, labyrinth: Labyrinth) -> None:
@@ -327,7 +327,7 @@ def write(path: Path, parts: Iterable[list[Row]]) -> str:
 
     Args:
         path: The file.
-        parts: The rows of each episode, those of a long one in parts.
+        parts: The rows of each episode; a long episode may be split into parts.
 
     Raises:
         OSError: The file cannot be written, say because the disk is full.
@@ -369,7 +369,7 @@ def no_garbage_collection() -> Iterator[None]:
 
 
 def rows_table(rows: list[Row]) -> pa.Table:
-    """Return rows as a table with each text of `info` once: it is long, and many rows share it."""
+    """Return rows as a table that holds each `info` once: it is long, and many rows share it."""
     import pyarrow as pa
 
     schema = written_schema()

@@ -1,11 +1,11 @@
-"""The shifts whose structures are selected: how candidates are drawn, and what must hold of them.
+"""The shifts that select their own structures: how candidates are drawn, and their properties.
 
-What the other shifts change is in `labyrinth_core.data.splits`, and `variants` makes their
+`labyrinth_core.data.splits` says what the other shifts change, and `labyrinths` makes their
 labyrinths from those of their parent.
 
-Structures with long routes are too rare to wait for, so each is made from a sampled one. A passage
-is shut and another one opened, wherever that does not shorten the route; and so on, until the route
-is long enough. So the structure keeps its number of loops.
+Structures with long routes are too rare to wait for, so `stretched` makes each from a sampled
+structure. It shuts a passage and opens another one if that does not shorten the route, again and
+again, until the route is long enough. So the number of loops stays the same.
 """
 
 from __future__ import annotations
@@ -33,35 +33,35 @@ from pipeline.generation.labyrinths import (
 
 
 class Train(NamedTuple):
-    """What train has, and the labyrinths of some shifts have more of, or none."""
+    """The properties of train that labyrinths of some shifts must exceed, or must not share."""
 
     moves: int = 0
-    """The moves of the longest of its shortest routes."""
+    """The largest number of moves of a shortest route."""
     loops: int = 0
-    """The most loops that any of its labyrinths has."""
+    """The largest number of loops of a labyrinth."""
     memory: RouteMemory | None = None
     """The demonstrated routes; None if no shift needs them."""
 
 
 class Measures(NamedTuple):
-    """What a structure is selected by."""
+    """The measures by which structures are selected."""
 
     moves: int
-    """The moves of a shortest route."""
+    """The number of moves of a shortest route."""
     loops: int
     junctions: int
-    """The cells where ways part."""
+    """The number of cells where ways part."""
 
 
 class Effort(NamedTuple):
-    """The number of candidates that a choice is made from."""
+    """The number of candidates that a selection looks at."""
 
     pool: int = 96
     """The number of candidates to choose from."""
     renewed: int = 6
-    """How many of them are new for each choice."""
+    """The number of them that are new for each choice."""
     patience: int = 30_000
-    """The number of structures without one that will do, after which the search ends."""
+    """The number of unsuitable structures in a row after which the search ends."""
 
 
 Problem = Callable[[Measures, Callable[[], Labyrinth], Train], str | None]
@@ -69,25 +69,25 @@ Problem = Callable[[Measures, Callable[[], Labyrinth], Train], str | None]
 
 @dataclass(frozen=True)
 class SelectedShift:
-    """A shift with structures of its own, which are selected to be like those of test.
+    """A shift with its own structures, selected to be similar to those of test.
 
-    Candidates are drawn as the structures of train are, but for what the fields say.
+    Candidates are drawn like the structures of train, except as the fields say.
     """
 
     free: tuple[str, ...]
-    """The measures that the shift leaves free, and that follow those of test."""
+    """The measures that the shift does not change, in which structures are matched to test."""
     problem: Problem = lambda _measures, _labyrinth, _train: None
-    """Returns why a labyrinth lacks the property of the shift, None if it has it.
+    """Returns why a labyrinth lacks the property of the shift, None if it has the property.
 
-    Its arguments are the measures, a function that makes the labyrinth, which takes long, and what
-    train has."""
+    The arguments are the measures, a slow function that makes the labyrinth, and the properties of
+    train."""
     sampler: str | None = None
     open_walls: Callable[[DatasetConfig, Train], float] = lambda config, _train: config.open_walls
     effort: Effort = Effort()  # noqa: RUF009
     is_stretched: bool = False
-    """Whether candidates are changed until they are longer than the longest of train."""
+    """Whether candidates are changed until their route is longer than the longest of train."""
     needs_routes: bool = False
-    """Whether the routes that train demonstrates have to be known."""
+    """Whether the shift needs the routes that train demonstrates."""
 
     def draw(
         self, config: DatasetConfig, split: str, train: Train, rng: np.random.Generator
@@ -110,13 +110,13 @@ class SelectedShift:
         )
         if self.is_stretched:
             return stretched(drawn, moves, in_bucket, train.moves, rng)
-        # It takes so long to compare routes that it is worth while to ask for the bucket first.
+        # Comparing routes is slow, so the bucket is checked first.
         return filter(in_bucket, drawn) if self.needs_routes else drawn
 
 
 def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Measures | None:
     """Return the measures of a structure in a split, None if it cannot hold the task."""
-    if config.task in TASKS_WITHOUT_TILES:  # A labyrinth would take seven times as long at 5x5.
+    if config.task in TASKS_WITHOUT_TILES:  # Making the labyrinth takes 7 times as long at 5x5.
         moves = least_moves(structure, *start_and_goal(config, split, structure))
     else:
         try:
@@ -127,9 +127,9 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
 
 
 def _many_open_walls(config: DatasetConfig, train: Train) -> float:
-    """Return the probability of opening walls that gives about twice train's most loops.
+    """Return the probability of opening walls that gives about twice the loops of train's most.
 
-    Where there are fewer walls, it gives the mean of train's most and of all.
+    At most, it gives the mean of that number and of the most loops that the size allows.
     """
     most = Structure.without_walls(config.height, config.width).loops
     return min(2 * train.loops + 1, (train.loops + most) / 2) / most
@@ -185,7 +185,7 @@ SELECTED_SHIFTS = {
 def train_of(
     config: DatasetConfig, demonstrated: Iterable[tuple[Labyrinth, Iterable[Iterable[int]]]]
 ) -> Train:
-    """Return what train has, as far as the shifts of a dataset need it.
+    """Return the properties of train that the shifts of a dataset need.
 
     Args:
         config: The configuration of the dataset.
@@ -214,19 +214,19 @@ def stretched(
     longest: int,
     rng: np.random.Generator,
 ) -> Iterator[Structure]:
-    """Yield structures whose shortest routes are longer than a number of moves.
+    """Yield structures whose shortest routes have more than `longest` moves.
 
     Args:
         structures: The structures to begin with.
         moves: Returns the moves of the shortest route through a structure, below 0 if it cannot
             hold the task.
-        accepts: Returns whether a structure with a route that is long enough will do.
-        longest: The number of moves.
+        accepts: Returns whether a structure with a route that is long enough is acceptable.
+        longest: The number of moves to exceed.
         rng: The source of all randomness.
 
     Yields:
-        A structure for each to begin with; one that is no longer where a few exchanges a cell were
-        not enough.
+        One structure for each of `structures`. After ten exchanges per cell it is yielded even if
+        its route is too short.
     """
     for structure in structures:
         now = moves(structure)
@@ -243,7 +243,7 @@ def stretched(
 def _exchanged(structure: Structure, rng: np.random.Generator) -> Structure:
     """Return a connected structure with one passage shut and another one opened."""
     start, goal = default_start_and_goal(structure.height, structure.width)
-    # Half of the time a passage of the way to the goal, where it is most likely to matter.
+    # Half of the time, shut a passage on the way to the goal: it is most likely to matter.
     to_shut = _way(structure, start, goal) if rng.random() < 0.5 else list(structure.passages())
     cut = toggled(structure, *to_shut[rng.integers(len(to_shut))])
     closed = list(walls(structure))
@@ -254,7 +254,7 @@ def _exchanged(structure: Structure, rng: np.random.Generator) -> Structure:
 
 
 def _way(structure: Structure, start: int, goal: int) -> list[tuple[int, int]]:
-    """Return the pairs of cells that follow one another on a shortest way, ignoring tiles."""
+    """Return the pairs of consecutive cells on a shortest way, ignoring tiles."""
     to_goal = structure.distances(goal)
     way = [start]
     while way[-1] != goal:

@@ -1,20 +1,20 @@
 """The structures of each split: unique ones from the candidates, and those that shifts select.
 
-The split of a structure follows from a hash of its canonical form, so that no structure and no
-mirror image that keeps start and goal is ever in two of train, validation and test: neither within
-a dataset, nor across datasets of other seeds or lengths (with the same `buckets`).
+A hash of its canonical form gives each structure its split. So no structure, and no mirror image
+that keeps start and goal, is in two of train, validation and test: neither within a dataset, nor
+across datasets with other seeds or lengths (and the same `buckets`).
 
 The candidates, which depend on the seed and not on the number of labyrinths, are divided among the
 splits in order; so a longer dataset begins with the structures of a shorter one.
 
-With `splits.min_walls` train stays as it is. Validation and test then go through the candidates
-once more, and take those that are far enough from train and from each other; so only train, and the
-splits on its structures, begin with the structures of a shorter dataset.
+With `splits.min_walls` above 1, train stays the same. Validation and test then go through the
+candidates once more, and take those that are far enough from train and from each other. So only
+train, and the splits on its structures, begin with the structures of a shorter dataset.
 
-A shift with structures of its own has such that are like those of test in all that it leaves free.
-For each labyrinth of test in turn, the candidate is taken that is nearest to it in these measures,
-out of a pool that is renewed all the time. A candidate is in the bucket of test, so nothing is
-trained on it, in no dataset; and no split has it yet.
+A shift that selects its own structures matches test in the measures that the shift does not change.
+For each labyrinth of test in turn, it takes the candidate nearest in these measures, from a pool
+that is constantly renewed. Each structure taken is in the bucket of test, so no dataset trains on
+it, and no other split has it.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ PATIENCE = 300_000
 """The number of candidates without success after which the sampler gives up."""
 
 COUNTABLE_EDGES = 13
-"""The number of pairs of neighbours up to which all structures are counted, as at 3x3."""
+"""Sizes with at most this many pairs of neighbouring cells, such as 3x3, are counted in full."""
 
 
 @dataclass(frozen=True)
@@ -59,24 +59,24 @@ class Sample:
     """The structures of a dataset."""
 
     structures: Mapping[str, Records]
-    """Split -> its structures, `labyrinths` of each, for the splits that have their own."""
+    """Split -> its structures, `labyrinths` in each split that has its own."""
     candidates: int
-    """The number of candidates up to the last one that was taken."""
+    """The number of candidates up to the last one taken."""
 
 
 def sample(config: DatasetConfig, candidates: Candidates | None = None) -> Sample:
-    """Return the structures of each split that has its own, `config.labyrinths` of each.
+    """Return `config.labyrinths` structures for each split that has its own.
 
     Args:
         config: The configuration of the dataset.
         candidates: Its candidates; None to draw them in this process.
 
     Raises:
-        ConfigError: There seem to be fewer.
+        ConfigError: The sampler found too few structures.
     """
     candidates = candidates or Candidates(config)
     found = dict.fromkeys(SAMPLED_SPLITS, 0)
-    if config.min_walls == 1:  # Two splits have no structure in common.
+    if config.min_walls == 1:  # The buckets alone keep the splits apart.
         taken, last = _fill(config, candidates, found, SAMPLED_SPLITS)
     else:
         size = config.height, config.width
@@ -106,9 +106,9 @@ def _fill(
     Args:
         config: The configuration of the dataset.
         candidates: Its candidates.
-        found: Split -> the number of structures found, which is updated.
+        found: Split -> the number of structures found; this is updated.
         splits: The splits to fill.
-        near: Split -> the structures too near to it for other splits, which is updated.
+        near: Split -> its structures, which other splits must not be near to; this is updated.
     """
     places = {split: SAMPLED_SPLITS.index(split) for split in splits}
     taken = {split: [np.empty(0, record_type(config))] for split in splits}
@@ -144,7 +144,7 @@ def _expected(
         share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
         missing = config.labyrinths - found[split]
         likely = missing * (drawn + 1) / (found[split] + share)
-        # At least `missing / share` are needed, unless the sampler gives up before.
+        # At least `missing / share` are needed, unless the sampler gives up first.
         expected = max(expected, ceil(min(likely, max(missing / share, PATIENCE))))
     return expected
 
@@ -156,14 +156,14 @@ def _far_enough(
     found: Mapping[str, int],
     near: Mapping[str, Neighbourhood],
 ) -> NDArray[np.int64]:
-    """Return the places of records that are not too near to another split, as many as are missing.
+    """Return the indices of records that are not near to another split, as many as are missing.
 
     Args:
         config: The configuration of the dataset.
         records: The candidates.
-        fresh: The places of those that are new, in order.
+        fresh: The indices of the new ones, in order.
         found: Split -> the number of structures found.
-        near: Split -> the structures too near to it for other splits, which is updated.
+        near: Split -> its structures, which other splits must not be near to; this is updated.
     """
     missing = {split: config.labyrinths - count for split, count in found.items()}
     kept = []
@@ -190,16 +190,16 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
 
 
 def check_capacity(config: DatasetConfig) -> None:
-    """Refuse too many labyrinths at once, where all structures can be counted quickly.
+    """Refuse too many labyrinths before sampling, if the structures can be counted quickly.
 
     Raises:
-        ConfigError: There are fewer structures than asked for.
+        ConfigError: There are fewer structures than labyrinths.
     """
     edges = list(Structure.without_walls(config.height, config.width).passages())
     asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
     if len(edges) > COUNTABLE_EDGES:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
-            raise ConfigError(f"{asked}: the three splits share fewer than 2**{len(edges)}")
+            raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
     rare = config.task not in TASKS_WITHOUT_TILES
     if not rare and config.labyrinths * 100 < 1 << len(edges):
@@ -223,21 +223,21 @@ def check_capacity(config: DatasetConfig) -> None:
 
 
 class Candidate(NamedTuple):
-    """A structure that may be selected, with those of its measures that follow test."""
+    """A structure that may be selected, with the measures that are matched to test."""
 
     measures: tuple[int, ...]
     structure: Structure
 
 
 def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str, Records]:
-    """Return the structures of the shifts that select theirs.
+    """Return the structures of each shift that selects its own.
 
     Args:
         config: The configuration of the dataset.
         sampled: The structures of train, validation and test.
 
     Raises:
-        ConfigError: There are too few for a shift.
+        ConfigError: A shift finds too few structures.
     """
     structures = unpack(config, sampled["train"])
     labyrinths = (labyrinth_of(config, "train", structure) for structure in structures)
@@ -247,7 +247,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
         for structure in unpack(config, records):
             taken.add(split, structure)
     measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
-    targets = [measures for measures in measured if measures is not None]  # As test holds the task.
+    targets = [measures for measures in measured if measures is not None]  # Test holds the task.
 
     def of(split: str) -> Iterator[tuple[Structure, int]]:
         found = ((1, each) for each in select(config, split, train, targets, taken))
@@ -263,7 +263,7 @@ def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
 
 
 class Taken:
-    """The structures that shifts may not select: those that a split has, or that are near to it."""
+    """The structures that shifts may not select: those that a split has, or that are near them."""
 
     def __init__(self, config: DatasetConfig) -> None:
         self._config = config
@@ -277,7 +277,7 @@ class Taken:
         """Add a structure of train, validation or test."""
         if self._near is not None:
             self._near.add(structure)
-        if split == "test":  # No shift has structures of the buckets of the others.
+        if split == "test":  # Shifts never select from the buckets of the other splits.
             self._ids.add(int(structure.structure_id, 16))
 
     def take(self, structure: Structure) -> bool:
@@ -300,12 +300,12 @@ def select(
     Args:
         config: The configuration of the dataset.
         split: The shift.
-        train: What train has.
+        train: The properties of train.
         targets: The measures of each labyrinth of test.
-        taken: The structures that may not be selected, which is updated.
+        taken: The structures that may not be selected; this is updated.
 
     Raises:
-        ConfigError: There are fewer.
+        ConfigError: The search finds too few structures.
     """
     shift = SELECTED_SHIFTS[split]
     candidates = _candidates(config, split, train)
@@ -320,17 +320,17 @@ def select(
             chosen = next(filter(taken.take, more), None)
         if chosen is None:
             raise ConfigError(
-                f"shifts: of {split} at {config.name} {number} of labyrinths={config.labyrinths} "
-                "were found, and no other after a long search; ask for fewer labyrinths, or leave "
-                f"{split} out"
+                f"shifts: {number} of labyrinths={config.labyrinths} were found for {split} at "
+                f"{config.name}, and no other after a long search; ask for fewer labyrinths, or "
+                f"leave {split} out"
             )
         yield chosen
 
 
 def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
-    """Take the free candidate nearest to a target out of a pool; return None if all are taken.
+    """Take the free candidate nearest to a target out of a pool; return None if none is free.
 
-    Those that were nearer and are not free leave the pool as well.
+    Nearer candidates that are not free leave the pool as well.
     """
 
     def apart(measures: tuple[int, ...]) -> int:

@@ -1,7 +1,7 @@
-"""The table of labyrinths: the facts of each shard, and the file that they are joined to.
+"""The table of labyrinths: the facts of each shard, and the file that joins them.
 
-The facts of a shard are an array that lies in its sidecar until all shards are there, so that a
-build that was stopped need not solve a labyrinth again.
+The facts of a shard are an array in its sidecar until all shards are finished, so that a resumed
+build need not solve a labyrinth again.
 """
 
 from __future__ import annotations
@@ -37,28 +37,28 @@ FACTS = np.dtype(
         *((name, "<i4") for name in ("optimal_actions", "loops", "branching", "dead_ends")),
     ]
 )
-"""What is known of a labyrinth from its shard alone; 63-bit ids as numbers."""
+"""The facts of a labyrinth that follow from its shard alone; ids are 63-bit numbers."""
 
 NOTHING = -1
 """The value of `parent_id` or `turns` where the table has null."""
 
 MOST_ROUTES = 2**63 - 1
-"""The largest number of routes in the table; it stands for all that are larger, too."""
+"""The largest number of routes in the table; it also stands for all larger numbers."""
 
 GROUP_ROWS = 100_000
-"""The least number of rows in a row group of the table, but for the last; some ten megabytes."""
+"""The least number of rows in a row group of the table, except the last; about 10 MB."""
 
 Facts = NDArray[np.void]
 
 
 class Content:
-    """The content of a shard, labyrinth by labyrinth."""
+    """The counts and facts of a shard, collected labyrinth by labyrinth."""
 
     def __init__(self, config: DatasetConfig, split: str) -> None:
         self._config, self._split = config, split
         self._rows: list[tuple[int, ...]] = []
         self.counts = dict.fromkeys(("labyrinths", "episodes", "rows", "longest", "cut"), 0)
-        """What the manifest says of the shard, see `Shard`."""
+        """The counts of the shard for the manifest: see `Shard`."""
 
     def add(self, info: str, solution: Solution, parent: Labyrinth | None) -> None:
         """Add a labyrinth.
@@ -66,7 +66,7 @@ class Content:
         Args:
             info: Its text.
             solution: Its episodes.
-            parent: The labyrinth that it was made from, None if it has no parent.
+            parent: The labyrinth that it was made from; None if it has no parent.
         """
         labyrinth, structure = solution.labyrinth, solution.labyrinth.structure
         demonstrated = self._split != "random"
@@ -122,7 +122,7 @@ def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:
 
 
 def table_facts(folder: AnyPath, first: int, count: int) -> Facts:
-    """Return facts that the table of a finished dataset holds; the inverse of `facts_table`.
+    """Return facts from the table of a finished dataset; the inverse of `facts_table`.
 
     Args:
         folder: The folder of the dataset.
@@ -141,13 +141,13 @@ def table_facts(folder: AnyPath, first: int, count: int) -> Facts:
 
 
 def _numbers(ids: Iterable[str | None]) -> NDArray[np.int64]:
-    """Return ids in hexadecimal digits as numbers, `NOTHING` in place of None."""
+    """Return ids in hexadecimal digits as numbers; None becomes `NOTHING`."""
     digits = "".join(text or "f" * 16 for text in ids)
     return np.frombuffer(bytes.fromhex(digits), ">i8").astype(np.int64)
 
 
 def table_part(path: AnyPath, first: int, count: int) -> pa.Table:
-    """Return some rows of the table, reading the row groups that they are in."""
+    """Return `count` rows of the table from row `first`; only their row groups are read."""
     with opened_table(path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
         ends = np.cumsum([0, *sizes])
@@ -158,7 +158,7 @@ def table_part(path: AnyPath, first: int, count: int) -> pa.Table:
 
 @contextmanager
 def opened_table(path: AnyPath) -> Iterator[pq.ParquetFile]:
-    """Open a Parquet file, which may be in an object store, to be read without further threads.
+    """Open a Parquet file, which may be in an object store, for reading without further threads.
 
     A thread of Arrow that still holds a buffer of a Python file when the interpreter ends aborts
     the process (https://github.com/apache/arrow/issues/34314).
@@ -170,7 +170,7 @@ def opened_table(path: AnyPath) -> Iterator[pq.ParquetFile]:
 
 
 def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int) -> pa.Table:
-    """Return the rows of the table that facts give; the first of them has the row `first_row`."""
+    """Return facts as rows of the table; the first labyrinth begins at `first_row` of its split."""
     import pyarrow as pa
 
     count, schema = len(facts), arrow_schema(TABLE_COLUMNS)
@@ -190,7 +190,7 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
             return value_array(kind, count, ends, values.encode() * count)
         if name in ("parent_id", "turns") and (values == NOTHING).all():
             return pa.nulls(count, kind)
-        if pa.types.is_string(kind):  # All digits at once, sixteen of each.
+        if pa.types.is_string(kind):  # All digits at once, sixteen of each id.
             ends = np.arange(count + 1, dtype=np.int32) * 16
             digits = values.astype(">i8").tobytes().hex().encode()
             return value_array(kind, count, ends, digits)
@@ -203,7 +203,7 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
 def write_table(
     path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]
 ) -> TableFile:
-    """Write the table, a part at a time, and return what was written.
+    """Write the table part by part, and return the size and hash of its file.
 
     Args:
         path: The file.
@@ -228,7 +228,7 @@ def write_table(
 
 
 def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:
-    """Yield the rows of the table, those of several small shards together."""
+    """Yield the rows of the table; small shards are joined into one group."""
     import pyarrow as pa
 
     group: list[pa.Table] = []
@@ -245,9 +245,9 @@ def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iter
 
 
 def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
-    """Return the Arrow schema of files, with the metadata in which `datasets` keeps features.
+    """Return the Arrow schema of columns, with the metadata that tells `datasets` their features.
 
-    It is written out, since importing `datasets` takes longer than building a small dataset.
+    The code writes it out, because importing `datasets` takes longer than building a small dataset.
     """
     import pyarrow as pa
 
@@ -280,8 +280,8 @@ def read_schema(path: Path) -> pa.Schema:
         return file.schema_arrow
 
 
-# `pa.array` would import pandas, 60 MB. A build of 100 labyrinths at 5x5 would take 25% longer, one
-# of 400 labyrinths 18% (run.py, CPU time of the process).
+# `pa.array` would import pandas (60 MB). A build of 100 labyrinths at 5x5 would take 25% longer, a
+# build of 400 labyrinths 18% (run.py, CPU time of the process).
 
 
 def text_array(type_: pa.DataType, values: Sequence[bytes]) -> pa.Array:

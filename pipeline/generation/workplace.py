@@ -1,4 +1,4 @@
-"""The folders in which a dataset is built, and the commit that makes it whole at once."""
+"""The folders in which a dataset is built, and the commit that puts it in place, complete."""
 
 from __future__ import annotations
 
@@ -39,17 +39,17 @@ class Workplace:
 
     @classmethod
     def of(cls, folder: AnyPath) -> Workplace:
-        """Return the workplace of a folder, beside the folder itself if a link leads to it."""
+        """Return the workplace of a folder; for a link, it lies beside the link's target."""
         return cls(followed(folder) if isinstance(folder, Path) else folder)
 
     @property
     def building(self) -> AnyPath:
-        """The folder of the configuration, and of the sidecar of each finished shard."""
+        """The folder of the configuration and of the sidecars of finished shards."""
         return self.folder.parent / f".{self.folder.name}.building"
 
     @property
     def shards(self) -> AnyPath:
-        """The folder in which shards are made: the final one in a store, which cannot rename."""
+        """The folder in which shards are made; in a store, which cannot rename, the final one."""
         return self.folder if isinstance(self.folder, RemotePath) else self.building / "shards"
 
     def recover(self) -> None:
@@ -58,7 +58,7 @@ class Workplace:
             recover(self.folder, MANIFEST)
 
     def refuse_others_files(self) -> None:
-        """Raise DatasetError if a file is in the folder's place that no record says is ours."""
+        """Raise DatasetError if the final folder holds a file that our records do not list."""
         if not self.folder.exists():
             return
         if not self.folder.is_dir():
@@ -68,11 +68,11 @@ class Workplace:
         _refuse(self.folder, others)
 
     def _recorded(self) -> set[str]:
-        """Return the names in the folder that our records say are ours.
+        """Return the names in the folder that our records list.
 
-        The manifest names the files of the dataset, SHA256SUMS what stages left beside them. In a
-        store, once a build has begun, which was refused before if there were other files, shards
-        are those of the build.
+        The manifest lists the files of the dataset, SHA256SUMS those that stages left beside them.
+        In a store, once a build has begun, all shards are the build's own: it would not have begun
+        beside other files.
         """
         own = Sums.read(self.folder)
         names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
@@ -86,10 +86,10 @@ class Workplace:
         return names
 
     def lacks(self, manifest: Manifest) -> list[str]:
-        """Return the files of the finished dataset that are missing, or not what they were.
+        """Return the files of the finished dataset that are missing or damaged.
 
-        A file is hashed; in a store, where that downloads it, only if it was written after the
-        manifest, which is the last to be written.
+        Files are hashed. In a store, where hashing means a download, only files newer than the
+        manifest are, because the manifest is written last.
         """
         files = [(shard.path, shard.bytes, shard.sha256) for shard in manifest.shards]
         files.append((TABLE, manifest.table.bytes, manifest.table.sha256))
@@ -106,23 +106,23 @@ class Workplace:
     def prepare(
         self, config: DatasetConfig, *, parts: int | None = None, overwrite: bool = False
     ) -> None:
-        """Make the folders, emptied of what another configuration or version left in them.
+        """Create the folders, and remove what another configuration or version left in them.
 
         Args:
             config: The configuration of the dataset.
-            parts: The number of parts that are being made; None if the dataset is to be finished.
-            overwrite: Whether to remove what parts of another configuration left.
+            parts: The number of parts that are being made; None to finish the dataset.
+            overwrite: Whether to remove parts of another configuration.
 
         Raises:
-            DatasetError: Others' files, or parts of another configuration, would be lost.
+            DatasetError: A user's files, or parts of another configuration, would be lost.
         """
         same = self.is_for(config)
         if self.parts is not None and not (same and parts in (None, self.parts)) and not overwrite:
             self._refuse_another(config, parts)
         if isinstance(self.folder, RemotePath):
-            if not same:  # From now on shards in the folder are those of a build.
+            if not same:  # From now on, shards in the folder are this build's.
                 self._write({"parts": None})
-            (self.folder / MANIFEST).unlink(missing_ok=True)  # It would describe new shards.
+            (self.folder / MANIFEST).unlink(missing_ok=True)  # It does not describe the new shards.
             for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
                 (self.folder / name).unlink(missing_ok=True)
         if not same:
@@ -131,12 +131,12 @@ class Workplace:
         if parts is not None and parts != self.parts:
             self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
-        if isinstance(self.shards, Path):  # A run was killed while it wrote the manifest.
+        if isinstance(self.shards, Path):  # From runs that were killed while they wrote it.
             for path in temporaries(self.shards / MANIFEST):
                 path.unlink()
 
     def begin(self, config: DatasetConfig) -> None:
-        """Write down what is built, unless a build has begun; raise DatasetError as above."""
+        """Record what is built, unless a build has begun; raise DatasetError as `prepare` does."""
         if self.has_begun:
             return
         self.building.mkdir(parents=True, exist_ok=True)
@@ -150,7 +150,7 @@ class Workplace:
         write_text(self.building / _CONFIG, json.dumps(content))
 
     def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
-        """Raise DatasetError, which names what differs from what was begun."""
+        """Raise a DatasetError that names the differences from the build that has begun."""
         there, here = self._begun(), _content(config, parts or self.parts)
         differing = "; ".join(
             f"{key}={there.get(key)}, not {here.get(key)}"
@@ -159,26 +159,26 @@ class Workplace:
         )
         raise DatasetError(
             f"{self.building} holds parts of a build with {differing}: give the same options, "
-            "choose another data_dir, or give overwrite=true without part to begin anew"
+            "choose another data_dir, or give overwrite=true without part to start again"
         )
 
     @property
     def has_begun(self) -> bool:
-        """Whether a build was stopped here."""
+        """Whether an unfinished build is here."""
         return bool(self._begun())
 
     @property
     def parts(self) -> int | None:
-        """The number of parts that the stopped build is made in, None if it is made in one."""
+        """The number of parts of the unfinished build, None if it is not made in parts."""
         parts = self._begun().get("parts")
         return parts if isinstance(parts, int) else None
 
     def is_for(self, config: DatasetConfig) -> bool:
-        """Return whether the stopped build had this configuration and these versions."""
+        """Return whether the unfinished build has this configuration and these versions."""
         return self._begun() | {"parts": None} == _content(config)
 
     def _begun(self) -> dict[str, Any]:
-        """Return what says which build was stopped here; an empty dictionary if no build was."""
+        """Return the record of the unfinished build; an empty dictionary if no build has begun."""
         with suppress(FileNotFoundError, *MALFORMED):
             content = json.loads((self.building / _CONFIG).read_bytes())
             if "parts" in content:
@@ -196,11 +196,11 @@ class Workplace:
         if missing:
             raise DatasetError(
                 f"{self.shards} has no {missing[0]}, though a worker has made it: "
-                "all workers have to see the same data_dir"
+                "all workers must share the same data_dir"
             )
         if not self.is_for(manifest.config):
             raise DatasetError(f"another run has begun another dataset in {self.building}")
-        self.refuse_others_files()  # They may have come meanwhile.
+        self.refuse_others_files()  # A user may have added some since.
         if isinstance(self.folder, Path) and isinstance(self.shards, Path):
             manifest.write(self.shards)
             move_into_place(self.shards, self.folder, MANIFEST)
@@ -209,7 +209,7 @@ class Workplace:
         self.clear()
 
     def abandon(self) -> bool:
-        """Remove what a failed build left, unless there is more to come of it; return whether."""
+        """Remove a failed build unless another run can use it; return whether it was removed."""
         finished = ("*.shard", "*.chunk")
         if isinstance(self.folder, RemotePath) or self.parts is not None:
             return False
@@ -219,7 +219,7 @@ class Workplace:
         return True
 
     def clear(self) -> None:
-        """Remove all that is not the finished dataset, unless no build of ours has begun."""
+        """Remove the unfinished build, if any; a folder with a user's files stays."""
         if self.has_begun:
             # The configuration goes last, since it says what the other files belong to.
             paths: list[AnyPath] = [*self.building.iterdir()]
@@ -231,15 +231,15 @@ class Workplace:
 
 
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
-    """Return what the shards of a build follow from, and the number of its parts."""
+    """Return everything that determines the shards of a build, and the number of its parts."""
     return {**config.to_json(), **build_versions(), "parts": parts}
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:
-    """Raise DatasetError if a file of a user is among those in a folder that are not ours."""
+    """Raise DatasetError if any of `others`, which are not ours, is a user's file."""
     if names := sorted(path.name for path in others if not is_litter(path.name)):
         more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         raise DatasetError(
-            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost, being no part of a "
-            "dataset: move it elsewhere, or choose another data_dir"
+            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost and does not belong "
+            "to a dataset: move it elsewhere, or choose another data_dir"
         )

@@ -1,1 +1,1 @@
-"""What several stages stand on: executor, artifacts, locked folders, console."""
+"""Infrastructure shared by the stages: executor, artifacts, locked folders, console."""

@@ -1,11 +1,11 @@
-"""Artifacts: folders that appear whole, and list their files and what they are made from.
+"""Artifacts: folders that appear complete, and record their files and their inputs.
 
-`SHA256SUMS` lists the files that are ours, for `sha256sum -c` as well. Its comments hold the key:
-the inputs that the files follow from. A file that is not listed, or is listed with another hash,
-belongs to the user: it is neither written over, nor removed, nor published.
+`SHA256SUMS` lists the files that the program wrote ("ours"), in the format of `sha256sum -c`. Its
+comments hold the key: the inputs that determine the files. A file that is not listed, or has
+another hash, belongs to the user: the program does not overwrite, remove or publish it.
 
-A folder of its own is `produced`: made beside its place, and moved there once it is finished. Into
-a folder that is shared with a person, `leave` writes single files.
+`produced` makes a whole folder under a temporary name, and moves it to its place when it is
+finished. `leave` writes single files into a folder that is shared with the user.
 """
 
 from __future__ import annotations
@@ -39,10 +39,10 @@ HASHES = "SHA256SUMS"
 """The name of the list."""
 
 Key = Mapping[str, Any]
-"""All that an artifact follows from, in plain types."""
+"""The inputs that determine an artifact, in JSON types."""
 
 _OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
-_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Never outside.
+_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Only inside it.
 
 _LITTER = (
     *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),
@@ -53,36 +53,36 @@ _LITTER = (
 (Jupyter, `datasets`) leave anywhere."""
 
 _UNKNOWN = "0" * 64
-"""In place of the hash of a file in a store, before it is made."""
+"""Stands for the hash of a file in a store that is not made yet."""
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
-"""The name of a file of `temporary_beside`, which a process was writing when it was killed."""
+"""A name from `temporary_beside`: a process was killed while it wrote the file."""
 
 
 def is_litter(path: str | PurePath) -> bool:
-    """Return whether a path within a folder is that of a file that nobody misses: see `_LITTER`."""
+    """Return whether a path relative to a folder matches `_LITTER`, files that no user misses."""
     parts = [part.lower() for part in PurePath(path).parts]
     return any(fnmatchcase(part, pattern) for part in parts for pattern in _LITTER)
 
 
 @dataclass(frozen=True)
 class Sums:
-    """The files of a folder that are ours, each as a pair of name and SHA-256."""
+    """The files of a folder that are ours, as pairs of name and SHA-256."""
 
     folder: AnyPath
     key: Key | None = None
-    """What the folder is made from; None if that is not known."""
+    """The inputs that the folder is made from; None if unknown."""
     made: frozenset[tuple[str, str]] = frozenset()
-    """The files without which it is damaged."""
+    """The artifact's own files; without one of them it is damaged."""
     left: frozenset[tuple[str, str]] = frozenset()
-    """Other files that stages have left in it; while they are replaced, old and new ones."""
+    """Other files that stages have written there; during a replacement, old and new ones."""
 
     @classmethod
     def read(cls, folder: AnyPath) -> Sums:
-        """Return the list of a folder; no file is ours where there is no list.
+        """Read the list of a folder; without a list, no file is ours.
 
         Raises:
-            DatasetError: The list is another program's.
+            DatasetError: Another program wrote the list.
         """
         path = folder / HASHES
         try:
@@ -96,17 +96,17 @@ class Sums:
         with suppress(*MALFORMED):
             if others[0] == _OURS:
                 return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
-        raise DatasetError(f"{path} is somebody else's: move it away, or choose another folder")
+        raise DatasetError(f"{path} is another program's: move it away, or choose another folder")
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
-        """Return the list of all files of a folder; it is damaged without those of `names`."""
+        """Hash all files of a folder; those in `names`, by default all, count as `made`."""
         hashes = {(n, file_sha256(folder / n)) for n in _names_in(folder) if n != HASHES}
         made = frozenset(each for each in hashes if not names or each[0] in names)
         return cls(folder, key, made, frozenset(hashes - made))
 
     def write(self) -> None:
-        """Write the list, whole or not at all."""
+        """Write the list atomically."""
         lines = [_OURS, *([] if self.key is None else [_MADE + json.dumps(self.key)])]
         lines += [f"{digest}  {name}" for name, digest in sorted(self.made)]
         if self.left:
@@ -119,14 +119,14 @@ class Sums:
         return self.made | self.left
 
     def has(self, name: str) -> bool:
-        """Return whether a file is there as it was made or left."""
+        """Return whether a file exists with a hash that is listed."""
         path = self.folder / name
         return path.is_file() and (name, file_sha256(path)) in self.hashes
 
     def damaged(self) -> list[str]:
-        """Return the files that it was made of and that are missing or changed.
+        """Return the files in `made` that are missing or changed.
 
-        A file is hashed if it was written after the list; all are if files were left since then.
+        Files newer than the list are hashed; all are if stages left others, so rewrote the list.
         """
         listed = size_and_time(self.folder / HASHES)[1] if self.made else 0.0
         may_be_older = {name for name, digest in self.made if not self.left and digest != _UNKNOWN}
@@ -139,11 +139,10 @@ class Sums:
         return sorted({name for name, _ in self.made if not is_whole(name)})
 
     def strangers(self, ours: Sequence[str], instead: str) -> list[str]:
-        """Return the names of a person's files in the folder of an artifact.
+        """Return the names of the user's files in an artifact's folder; see `produced`.
 
         Raises:
-            DatasetError: One has a name that the artifact may have; the arguments are those of
-                `produced`.
+            DatasetError: The folder is a file, or a user's file matches a pattern in `ours`.
         """
         if self.folder.exists() and not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file: move it, or {instead}")
@@ -159,14 +158,14 @@ class Sums:
         return found
 
     def others(self, files: Mapping[str, bytes]) -> list[str]:
-        """Return the names at which files would be written over a person's."""
+        """Return the names in `files` that belong to existing files of the user."""
         known = replace(self, left=self.left | _hashes_of(files))
         return [name for name in files if (self.folder / name).exists() and not known.has(name)]
 
     def require_free(
         self, files: Mapping[str, bytes], key: Key | None, overwrite: bool, instead: str
     ) -> None:
-        """Raise DatasetError if these files may not be left; the arguments are those of `leave`."""
+        """Raise DatasetError if `leave`, with these arguments, may not write the files."""
         if overwrite:
             return
         if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
@@ -180,19 +179,19 @@ class Sums:
             )
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:
-        """Return what killed processes left that were writing files of these names."""
+        """Return the temporary files of processes that were killed while writing these names."""
         if not isinstance(self.folder, Path):
             return []
         return [path for name in names for path in temporaries(self.folder / name)]
 
     def replace(self, files: Mapping[str, bytes], gone: Sequence[str] = ()) -> Sums:
-        """Write files, remove others that were left, and return the files that are ours now.
+        """Write files, remove others, and return the new list for the caller to write.
 
-        Meanwhile the list names old and new ones; the caller then writes the final one.
+        During the call, the list on disk names both old and new files.
 
         Args:
-            files: The content of each, by name.
-            gone: The names of files that are not to be there any more.
+            files: The content of each file, by name.
+            gone: The names of files to remove, if they are ours.
         """
         new = _hashes_of(files)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -218,17 +217,17 @@ def leave(
     overwrite: bool = False,
     instead: str = "choose another folder",
 ) -> None:
-    """Write files into a folder that is shared with a person, in place of those left before.
+    """Write files into a folder that is shared with the user, and replace those left before.
 
     Args:
-        folder: The folder, which is made.
-        files: The content of each, by name; they are written in this order.
-        key: What the folder has to be made from, if files in it are ours; None for anything.
-        overwrite: Whether to write over files of a person, or of another key.
-        instead: What a user who is refused may do.
+        folder: The folder, created if it does not exist.
+        files: The content of each file, by name; they are written in this order.
+        key: The key that the folder must have if files in it are ours; None for any key.
+        overwrite: Whether to overwrite a user's files, or files with another key.
+        instead: Advice for the error message.
 
     Raises:
-        DatasetError: A file of a person is in the place of one; nothing is written.
+        DatasetError: A user's file, or one with another key, is in the way; nothing is written.
         OSError: The folder cannot be written.
     """
     place = folder.absolute() if isinstance(folder, Path) else folder
@@ -253,23 +252,23 @@ def produced(
     overwrite: bool = False,
     instead: str = "choose another folder",
 ) -> Iterator[Place | None]:
-    """Lend a folder to fill, which takes the place of an artifact; None if that is there, whole.
+    """Yield a folder to fill that becomes the artifact; None if the artifact is complete already.
 
-    One process at a time does so. Temporary files may lie beside a local folder that is lent. In an
-    object store, which cannot rename, files are put in their final place, and listed at the end.
+    One process at a time does so. The caller may put temporary files beside a local folder. An
+    object store cannot rename, so files are written to their final place, and listed at the end.
 
     Args:
-        folder: The place; where a link leads to it, the link stays.
-        key: All that the artifact follows from.
-        mark: The file without which readers take the artifact for unfinished.
-        names: The files without which it is damaged, by default those that are made. In a store
-            they have to be given, and nothing else may be made.
-        ours: Patterns of the names that it may have. A person's files under other names stay.
-        overwrite: Whether to make it anew in any case, also in place of one with another key.
-        instead: What a user who is refused may do.
+        folder: The final place; a symbolic link to it stays.
+        key: The inputs that determine the artifact.
+        mark: The file whose absence tells readers that the artifact is unfinished.
+        names: The files without which the artifact is damaged, by default all that are made. For a
+            store they must be given, and no other file may be made.
+        ours: Patterns of names that the artifact may use. A user's files with other names stay.
+        overwrite: Whether to make the artifact even if it is complete or has another key.
+        instead: Advice for the error message.
 
     Raises:
-        DatasetError: A person's files would be lost, or an artifact with another key.
+        DatasetError: A user's files would be lost, or an artifact with another key.
         OSError: The folder cannot be written.
     """
     place: Any = followed(folder.absolute()) if isinstance(folder, Path) else folder
@@ -293,7 +292,7 @@ def produced(
             made.mkdir(parents=True)
             yield made
             Sums.of(made, key, names).write()
-            for name in there.strangers(ours, instead):  # More may have come meanwhile.
+            for name in there.strangers(ours, instead):  # The user may have added more.
                 (made / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(place / name, made / name, follow_symlinks=False)
             move_into_place(made, place, mark)
@@ -302,7 +301,7 @@ def produced(
 
 
 def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
-    """Return whether an artifact is there; raise DatasetError if `produced` would refuse."""
+    """Return whether an artifact is complete; raise DatasetError if `produced` would refuse."""
     there.require_free({}, key, overwrite, instead)
     whole = bool(there.made) and not overwrite and not there.damaged()
     if not whole:
@@ -311,12 +310,12 @@ def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instea
 
 
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
-    """Return names and hashes of files, given by their content."""
+    """Return the name and the SHA-256 of each file."""
     return frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
 
 
 def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
-    """Empty a folder in a store, and list what is going to be made, before it has a hash."""
+    """Empty a folder in a store, and list the files to be made with a placeholder hash."""
     old = {name for name, _ in there.hashes}
     claimed = frozenset((name, _UNKNOWN) for name in old.union(names))
     replace(there, made=claimed, left=frozenset()).write()
@@ -325,7 +324,7 @@ def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
 
 
 def differences(there: Key, asked: Key) -> str:
-    """Return what differs between two keys, such as `seed=3, not 4`; the first if all does."""
+    """Return how two keys differ, such as `seed=3, not 4`; all of `there` if no name is shared."""
     if there and not there.keys() & asked.keys():
         return "; ".join(f"{name}={value}" for name, value in there.items())
     return "; ".join(
@@ -336,7 +335,7 @@ def differences(there: Key, asked: Key) -> str:
 
 
 def _names_in(folder: AnyPath) -> list[str]:
-    """Return the paths of all files in a folder, within it."""
+    """Return the paths of all files in a folder, relative to it."""
     if isinstance(folder, RemotePath):
         return [path.name for path in folder.iterdir()]
     files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]

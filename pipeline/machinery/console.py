@@ -1,4 +1,4 @@
-"""The output on the terminal: progress bars and the summary of a dataset."""
+"""Terminal output: lines, progress bars and the summary of a dataset."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ Item = TypeVar("Item")
 
 
 class _Console(Console):
-    """A terminal on which no name of a file or of a method colours or clears anything."""
+    """A console that escapes control characters, which names of files and methods may hold."""
 
     def render_str(self, text: str, *args: Any, **options: Any) -> Text:
-        """Return what is shown for a text: a line, or a cell of a table."""
+        """Return a line, or a cell of a table, with its control characters escaped."""
         return super().render_str(printable(text), *args, **options)
 
 
@@ -51,7 +51,7 @@ def progress(*, vanishes: bool = False) -> Progress:
     """Return a context manager that shows the progress bars of a stage.
 
     Args:
-        vanishes: Whether they are shown in a terminal alone, and vanish at the end.
+        vanishes: Whether to show them only in a terminal, and remove them at the end.
     """
     return Progress(
         TextColumn("{task.description:>9}"),

@@ -16,17 +16,17 @@ from pipeline.config.errors import ConfigError, as_typed, check
 from pipeline.config.run import Run
 
 WHOLE_FOLDER = ("card", "report", "publish")
-"""The stages that work on all datasets of a folder, whichever `size` and `task` name."""
+"""The stages that work on all datasets of a folder, whatever `size` and `task` are."""
 
 
 def check_there(run: Run) -> None:
-    """Check that the dataset is there that a command names for a stage of the whole folder.
+    """Check that the dataset that a command names exists, before a stage of the whole folder.
 
     Raises:
-        DatasetError: The dataset is not there.
+        DatasetError: The dataset does not exist.
     """
     stages = {*run.options.stages}
-    if not run.options.publish.repo_id:  # Such as a policy, which is on a dataset of the Hub.
+    if not run.options.publish.repo_id:  # A policy's dataset, for example, is on the Hub.
         stages.discard("publish")
     if run.names_dataset and stages & {*WHOLE_FOLDER} and "build" not in stages:
         _check_there(run)
@@ -44,7 +44,7 @@ def manifest_of(run: Run) -> Manifest:
 
     Raises:
         ConfigError: A folder is given with a revision, or train has too few labyrinths.
-        DatasetError: There is no dataset.
+        DatasetError: The dataset does not exist.
     """
     options = run.options
     if run.source == str(run.data_dir):
@@ -63,7 +63,7 @@ def manifest_of(run: Run) -> Manifest:
 
 
 def build_versions() -> dict[str, str]:
-    """Return the versions of all that shapes the bytes of a dataset in this process."""
+    """Return the versions of the software that determines the bytes of a dataset."""
     return {
         "labyrinth-datasets": __version__,
         "numpy": np.__version__,

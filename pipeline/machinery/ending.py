@@ -1,4 +1,4 @@
-"""How the program starts, and how it ends early: in one line, at once, without leaving workers."""
+"""Start and early exit of the program: an exit prints one line, is immediate, and stops workers."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
 
-GOES_ON = "the same command goes on from what is finished"
+GOES_ON = "run the same command again to resume"
 
 _FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ENOTCONN", "ETIMEDOUT")
 FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(errno, each))
-"""The numbers of errors of disks and network folders, which no change of the program mends."""
+"""Error numbers of disks and network folders, which are not bugs of the program."""
 
 PATIENCE = 10
-"""Seconds in which the work may clear up after an interruption."""
+"""Seconds that stages have to clean up after an interruption."""
 
 LOOKED_AT = 0.5
-"""Seconds between two looks at whether the parent of a worker is still there."""
+"""Seconds between a worker's checks that its parent is alive."""
 
 STARTING = "starting ..."
 """What a terminal shows while libraries are imported, which takes seconds."""
@@ -31,7 +31,7 @@ _WORDS = {signal.SIGINT: "interrupted", signal.SIGTERM: "terminated"}
 
 
 def show_start(*, started: bool = False) -> None:
-    """Show that the program starts, in a line that what comes next replaces; or remove it."""
+    """Show `STARTING` in a line that later output overwrites; with `started`, remove it."""
     if sys.stderr is not None and sys.stderr.isatty():
         shown = " " * len(STARTING) if started else STARTING
         sys.stderr.write(f"{shown}\r")
@@ -39,17 +39,17 @@ def show_start(*, started: bool = False) -> None:
 
 
 def end(status: int, line: str = "") -> NoReturn:
-    """Print a line on standard error, stop the workers and end.
+    """Print a line on standard error, stop the workers and exit.
 
-    What libraries do when the interpreter ends is left out: it may wait for minutes for workers
-    that have nothing to do, and crashes if there is no memory.
+    The exit handlers of libraries do not run: they may wait minutes for idle workers, and crash
+    if memory is exhausted.
     """
     try:
         if line and sys.stderr is not None:
             after_progress = "\n" if sys.stderr.isatty() else ""
             sys.stderr.write(f"{after_progress}{line}\n")
             sys.stderr.flush()
-        from multiprocessing import active_children  # Not before signals are answered.
+        from multiprocessing import active_children  # Signal handlers come first.
 
         for worker in active_children():
             worker.terminate()
@@ -64,14 +64,14 @@ def end_without_output(error: OSError) -> NoReturn:
 
 
 def end_interrupted(number: int = signal.SIGINT, _frame: FrameType | None = None) -> NoReturn:
-    """End because of a signal, with the exit status that shells give for it."""
+    """End because of a signal, with the exit status that shells use: 128 + `number`."""
     end(128 + number, f"{_WORDS[signal.Signals(number)]}: {GOES_ON}")
 
 
 def interrupt(number: int, _frame: FrameType | None = None) -> NoReturn:
-    """Raise KeyboardInterrupt for a signal, so that the work clears up.
+    """Raise KeyboardInterrupt for a signal, so that stages clean up.
 
-    Libraries may swallow the exception, so a second signal, or a few seconds, end the program.
+    Libraries may swallow the exception, so a second signal or `PATIENCE` seconds end the program.
     """
     answer_signals(end_interrupted)
     if sys.platform != "win32":
@@ -88,7 +88,7 @@ def answer_signals(answer: Callable[[int, FrameType | None], None]) -> None:
 
 
 def end_with_parent(parent: int) -> None:
-    """End this process soon after its parent, the process of that id, has ended.
+    """End this process soon after its parent process, whose id is `parent`, has ended.
 
     joblib's workers would wait five minutes for more work.
     """
@@ -105,16 +105,16 @@ def end_with_parent(parent: int) -> None:
 
 @contextmanager
 def ctrl_c_held_back() -> Iterator[None]:
-    """Hold Ctrl-C back within the context, and for ever in processes that are started there.
+    """Block Ctrl-C within the context, and permanently in processes that are started there.
 
-    They get it from a terminal like their parent, and would all explain it.
+    A terminal sends Ctrl-C to all of them, and each would print an explanation.
     """
     if sys.platform == "win32":
         yield
         return
     from multiprocessing.resource_tracker import ensure_running
 
-    ensure_running()  # Where it is first needed it would let signals through.
+    ensure_running()  # If it started later, it would unblock the signal.
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
     try:
         yield

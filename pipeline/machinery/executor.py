@@ -1,4 +1,4 @@
-"""An ordered map over items: in this process, in several, or on a cluster of Dask, all by joblib.
+"""An ordered map over items: in this process, or with joblib in several or on a Dask cluster.
 
 Within `cluster`, every `ordered_map` runs on that cluster.
 """
@@ -28,9 +28,9 @@ class _Dask:
     """The cluster that `ordered_map` runs on."""
 
     address: str | None
-    """The address of a running cluster; None for a cluster that is started."""
+    """The address of a running cluster; None to start one."""
     stack: ExitStack
-    """Ends the cluster when it is closed."""
+    """Closing it ends the cluster."""
     processes: int = 0
 
     def provide(self, workers: int) -> None:
@@ -54,15 +54,15 @@ _cluster: ContextVar[_Dask | None] = ContextVar("cluster", default=None)
 
 @contextmanager
 def cluster(executor: str, workers: int, address: str | None = None) -> Iterator[None]:
-    """Let `ordered_map` run on an executor within the context.
+    """Run every `ordered_map` within the context on an executor.
 
-    A new cluster is started when there is work for it, with no more processes than items of work.
+    A new cluster starts when there is work for it, with no more processes than items of work.
 
     Args:
         executor: local or dask.
-        workers: The largest number of processes that will be used.
-        address: The address of a running cluster to use instead. Its machines have to see the
-            dataset's folder under the same name.
+        workers: The maximum number of processes.
+        address: The address of a running cluster to use instead. Its machines must have the
+            dataset's folder at the same path.
 
     Raises:
         ConfigError: Dask is not installed, or its cluster cannot be reached.
@@ -87,20 +87,20 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
 
 
 def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
-    """Return a client of a running cluster, or of a new one that the stack ends."""
+    """Return a client of a running cluster, or of a new cluster that ends with the stack."""
     import distributed
 
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     place: Any = address
     if address is not None:
-        _connect(address)  # Where nothing listens, the client would end in a traceback.
+        _connect(address)  # If nothing listens, the client would end in a traceback.
     else:
         place = stack.enter_context(
             distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
-                dashboard_address="127.0.0.1:0",  # None is a port that may be taken.
+                dashboard_address="127.0.0.1:0",  # None is a fixed port, which may be taken.
                 silence_logs=logging.ERROR,
             )
         )
@@ -111,8 +111,8 @@ def _connect(address: str) -> None:
     """Connect to an address once.
 
     Raises:
-        ValueError: It is not an address with a port.
-        OSError: Nothing listens there.
+        ValueError: The address has no port.
+        OSError: No process listens there.
     """
     host, _, port = address.rpartition("://")[2].partition("/")[0].rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65_535:
@@ -123,15 +123,16 @@ def _connect(address: str) -> None:
 def ordered_map(
     function: Callable[[Item], Result], items: Iterable[Item], workers: int
 ) -> Iterator[Result]:
-    """Yield `function(item)` for each item, in their order, as they become ready.
+    """Yield `function(item)` for each item, in the order of the items, as results become ready.
 
     Args:
-        function: Picklable, and pure: it may run in another process, and again.
+        function: A picklable, pure function: it may run in another process, and more than once.
         items: Its arguments; each is taken when a worker is free.
-        workers: Processes, of which no more are used than there are items in a list; with 1, and
-            no cluster, everything happens in this one.
+        workers: The number of processes, at most one for each item if `items` has a length. With
+            1 and no cluster, everything runs in this process.
 
     Raises:
+        ConfigError: The processes cannot be started.
         DatasetError: A worker was lost.
     """
     if isinstance(items, Sized):
@@ -150,10 +151,10 @@ def ordered_map(
         try:
             for item in items:
                 yield delayed(function)(item)
-        except Exception as error:  # joblib, which asks in a thread of its own, would lose it.
+        except Exception as error:  # joblib iterates in another thread, and would lose it.
             errors.append(error)
 
-    # Workers of this machine do not see that their parent was killed.
+    # Local workers do not notice by themselves that their parent was killed.
     own = {} if there else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
     try:
         parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
@@ -169,14 +170,14 @@ def ordered_map(
             yield from results
     except _losses(there) as error:
         raise DatasetError(
-            "a worker was lost, killed perhaps for want of memory: try fewer workers; " + GOES_ON
+            "a worker was lost, perhaps for lack of memory: try fewer workers; " + GOES_ON
         ) from error
     if errors:
         raise errors[0]
 
 
 def _losses(there: _Dask | None) -> tuple[type[Exception], ...]:
-    """Return the errors that say that a worker was lost."""
+    """Return the exceptions that mean that a worker was lost."""
     if there is None:
         return (BrokenExecutor,)
     import distributed

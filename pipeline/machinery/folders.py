@@ -1,4 +1,4 @@
-"""Folders that one process at a time changes, and that appear whole."""
+"""Locks on folders, and files and folders that appear complete or not at all."""
 
 from __future__ import annotations
 
@@ -24,26 +24,26 @@ from labyrinth_core.data.storage import (
 from pipeline.machinery.console import say
 
 _REPLACED = ".replaced"
-"""The end of the name of a folder that another takes the place of."""
+"""The suffix of a folder that another folder replaces."""
 
 _COMPLETE = ".complete"
-"""The end of the name of a folder whose files are copied to a place that cannot be renamed. The
-folder is complete once it has its mark."""
+"""The suffix of a folder whose files are copied to a place that cannot be renamed. The folder is
+complete once it has its mark."""
 
 _NOT_RENAMED = (errno.EXDEV, errno.EBUSY)
-"""The errors of a folder in a lower layer of a container's file system, and of a mount point."""
+"""The errors of renaming a folder in a lower layer of a container, or a mount point."""
 
 
 @contextmanager
 def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
-    """Lend the name of a local file to be made, which is then moved or uploaded to a path.
+    """Yield a temporary local path to write; the file is then moved or uploaded to `path`.
 
-    The name is absolute, as Arrow takes a relative one with a colon for a URL.
+    The temporary path is absolute, because Arrow takes a relative one with a colon for a URL.
 
     Args:
-        path: The final place of the file, where it appears whole or not at all.
-        scratch: Folder for the temporary file, on the same disk as a local path. A process that
-            was given up may still write there while another makes the same file.
+        path: The final place of the file, where it appears complete or not at all.
+        scratch: The folder of the temporary file, on the same disk as a local path. A process
+            that was given up may still write there while another makes the same file.
 
     Raises:
         OSError: The file cannot be written, or something that is not a regular file is there.
@@ -64,14 +64,14 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
 
 @contextmanager
 def held(folder: AnyPath, name: str) -> Iterator[None]:
-    """Hold the lock of a file or folder in a folder; wait for another process, and say so.
+    """Hold the lock of `folder / name`; if another process holds it, say so and wait.
 
     Object stores and some file systems have no locks: there the context begins at once.
 
     Args:
-        folder: The folder, which is made if it does not exist, and removed if it is empty at the
-            end.
-        name: The name of what is changed; what killed processes left unfinished is removed.
+        folder: The folder, created if it does not exist; then removed if it is empty at the end.
+        name: The file or folder to change. Temporary files of it, from killed processes, are
+            removed.
     """
     if isinstance(folder, RemotePath):
         yield
@@ -81,7 +81,7 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
         say(f"waiting for another process that works on {folder / name}")
 
     with ExitStack() as stack:
-        # The last callback is called first: the innermost folder is removed before the others.
+        # Callbacks run last to first, so the innermost folder is removed before the others.
         for each in [*reversed(folder.parents), folder]:
             if not each.exists():
                 stack.callback(_remove_if_empty, each)
@@ -91,7 +91,7 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
             stack.enter_context(locked(folder / f".{name}.lock", say_so))
             for left in temporaries(folder / name):
                 remove(left)
-        except OSError:  # Likewise; or there are no locks.
+        except OSError:  # Reported by the caller, or the file system has no locks.
             pass
         yield
 
@@ -102,27 +102,27 @@ def _remove_if_empty(folder: Path) -> None:
 
 
 def followed(folder: Path) -> Path:
-    """Return the folder to which a link leads, so that it is replaced and the link stays."""
+    """Return the target of a link to a folder, so that the target is replaced and not the link."""
     return Path(os.path.realpath(folder)) if folder.is_symlink() else folder
 
 
 def wait_for_disk(folder: Path) -> None:
-    """Wait until a folder and all of its content would survive a power failure."""
+    """Sync a folder and all its content to disk, so that they survive a power failure."""
     for path in [*folder.rglob("*"), folder]:
-        if not path.is_symlink():  # It may lead nowhere.
+        if not path.is_symlink():  # It may be broken.
             _wait(path)
 
 
 def move_into_place(made: Path, folder: Path, mark: str) -> None:
-    """Move a folder to its place once it would survive a power failure; remove one that is there.
+    """Sync a folder to disk and move it to its place, in place of the folder that is there.
 
-    Where a folder cannot be renamed, its files are copied, the mark last. After a crash on the way,
-    `recover` puts the replaced folder back or goes on copying.
+    If a folder cannot be renamed, its files are copied, the mark last. After a crash on the way,
+    `recover` puts the replaced folder back or finishes copying.
 
     Args:
         made: The new folder, beside its place or deeper, on the same disk.
         folder: Its place.
-        mark: The name of the file without which readers take the folder for unfinished.
+        mark: The name of the file whose absence tells readers that the folder is unfinished.
     """
     wait_for_disk(made)
     try:
@@ -156,7 +156,7 @@ def recover(folder: Path, mark: str) -> None:
 
 
 def _copy(complete: Path, folder: Path, mark: str) -> None:
-    """Copy a folder's files in place of what is in another, which has its mark only at the end."""
+    """Replace a folder's content with the files of another folder, the mark last."""
     folder.mkdir(exist_ok=True)
     for old in sorted(folder.iterdir(), key=lambda path: path.name != mark):
         remove(old)
@@ -178,7 +178,7 @@ def _files(folder: Path, mark: str) -> list[Path]:
 
 def _wait(path: Path) -> None:
     if sys.platform == "win32":
-        return  # Folders cannot be opened there.
+        return  # Windows cannot open folders.
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -190,7 +190,7 @@ def _wait(path: Path) -> None:
 
 
 def remove(path: AnyPath) -> None:
-    """Remove a file, or a local folder with its content, in which a process may still write."""
+    """Remove a file, or a local folder with its content, even if a process still writes there."""
     if isinstance(path, Path) and path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:

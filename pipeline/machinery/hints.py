@@ -1,4 +1,4 @@
-"""What a user can do next: command lines to paste into a shell, bash or zsh."""
+"""Suggested next steps: command lines to paste into a shell, bash or zsh."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from pathlib import Path
 from labyrinth_core.data.storage import RemotePath
 from pipeline.config.run import Run
 
-DESCRIBE = "stages=[validate,analyse,card]", "replay every row and describe it"
+DESCRIBE = "stages=[validate,analyse,card]", "check every row and describe the dataset"
 LOOK = "stages=report", "look at it in a browser"
-LEARN = "stages=[train,evaluate] method=bc", "learn from it"
+LEARN = "stages=[train,evaluate] method=bc", "train a policy on it"
 COMPARE = "stages=results", "compare it with others"
-"""The options of what can be done next, and what that is for."""
+"""The options of each possible next step, and its purpose."""
 
 _OF_ONE_RUN = ("stages", "overwrite", "grow", "part", "policy", "leakage", "publish", "export")
-"""Options, and groups of options, that are not repeated for what comes next."""
+"""Options, and groups of options, that the next command line does not repeat."""
 
 
 def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str]:
-    """Return the lines that say what can be done after a build, an evaluation or a publication.
+    """Return the lines that suggest a next step after a build, an evaluation or a publication.
 
     Args:
         run: The run.
         given: The options of its command line, each as `name=value`.
-        flags: The flags of its command line that say which configuration is used.
+        flags: The flags of its command line that choose the configuration.
     """
     options, last = run.options, run.options.stages[-1]
     if last == "publish" and not options.publish.dry_run:

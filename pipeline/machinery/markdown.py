@@ -7,19 +7,19 @@ from collections.abc import Iterable, Sequence
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str = "") -> str:
-    """Return a Markdown table; `alignment` has l or r for each column, else only the first is l."""
+    """Return a Markdown table; `alignment` has l or r for each column, by default l, then r."""
     sides = alignment or "l" + "r" * (len(heading) - 1)
     rule = ["---:" if side == "r" else "---" for side in sides]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
 
 
 def plain(text: str) -> str:
-    """Return a text that Markdown shows as it is: in one line, without markup of its own."""
+    """Return a text on one line, escaped so that Markdown shows it literally."""
     return re.sub(r"([\\`*\[\]<>|!#&~$])", r"\\\1", " ".join(text.split()))
 
 
 def verbatim(text: object) -> str:
-    """Return a text as code, which may stand in a table; as plain text if it has a backtick."""
+    """Return a text as code that is safe in a table; as `plain` text if it has a backtick."""
     shown = " ".join(str(text).split())
     return plain(shown) if "`" in shown else "`" + shown.replace("|", r"\|") + "`"
 

@@ -63,7 +63,7 @@ def test_a_fault_of_a_disk_whose_file_is_not_named_is_told_in_one_line(
 ) -> None:
     reason = os.strerror(number)
     done = run_with(tmp_path, f"raise OSError({number}, {reason!r})", "size=3")
-    told = "once that is put right, the same command goes on from what is finished"
+    told = "once that is fixed, run the same command again to resume"
     assert error_of(done) == f"error: {reason}: {told}"
 
 

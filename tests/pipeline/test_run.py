@@ -61,11 +61,11 @@ Build = Callable[..., Run]
             ["stages=[build,train]", "method=bc", "protocol=authors"],
             ["protocol=authors: method=bc is for default or"],
         ),
-        (["+buckets.foo=1"], ["buckets.foo is no option", "buckets.train, buckets.validation, "]),
-        (["buckets.trian=1"], ["no option", "did you mean buckets.train?", "buckets.validation"]),
+        (["+buckets.foo=1"], ["buckets.foo is not an option", "buckets.train, buckets.validation"]),
+        (["buckets.trian=1"], ["not an option", "mean buckets.train?", "buckets.validation"]),
         (
             ["stages=[build,train]", "method.foo=1"],
-            ["method.foo", "no option", "epochs, ", "pictures"],
+            ["method.foo", "not an option", "epochs, ", "pictures"],
         ),
         (["size=${foo}"], ["size", "foo"]),
         (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
@@ -259,7 +259,7 @@ __main__.main()
 """
 """A build that ends before its fourth shard."""
 
-GOES_ON = "the same command goes on from what is finished"
+GOES_ON = "run the same command again to resume"
 
 
 @pytest.mark.parametrize(

@@ -363,7 +363,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
 def test_the_usual_settings_are_refused_in_one_line() -> None:
     with pytest.raises(ConfigError) as caught:
         find(OF["bc"], {"augment": False}, "authors")
-    assert "method.augment is no option: choose from [method.epochs" in str(caught.value)
+    assert "method.augment is not an option: choose from [method.epochs" in str(caught.value)
 
 
 def test_methods_of_the_authors_and_others_are_not_mixed_up() -> None:

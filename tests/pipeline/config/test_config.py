@@ -116,7 +116,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     ({"run_dir": "s3://bucket/runs"}, ["run_dir=s3://bucket/runs", "a folder on this machine"]),
     ({"data_dir": "s3://"}, ["data_dir=s3://", "no bucket"]),
     ({"executor": "slurm"}, ["executor=slurm: choose one of [local, dask]"]),
-    ({"executor_address": "tcp://x:1"}, ["executor_address=tcp://x:1: executor=local has none"]),
+    ({"executor_address": "tcp://x:1"}, ["executor_address=tcp://x:1: executor=local has no a"]),
     (noisy(1.0), ["demonstrations.noise=1.0: give a probability from 0 to below 1"]),
     (noisy(-0.1), ["demonstrations.noise=-0.1: give a probability from 0 to below 1"]),
     (noisy(0.1, solutions="all"), ["give solutions=shortest, not all"]),

@@ -25,9 +25,9 @@ def refused(*arguments: str) -> str:
 def test_what_went_is_told_with_what_to_do_instead(gone: str) -> None:
     name, _, value = gone.partition("=")
     listed = f"{name}=[{value}]" if name == "stages" else gone if value else f"{name}=1"
-    assert refused(listed) == f"{gone} is no longer there: {GONE[gone]}"
+    assert refused(listed) == f"{gone} was removed: {GONE[gone]}"
 
 
 def test_an_option_of_a_group_that_went_is_told_by_its_name() -> None:
-    line = f"analysis.seeds is no longer there: {GONE['analysis']}"
+    line = f"analysis.seeds was removed: {GONE['analysis']}"
     assert refused("analysis.seeds=4") == line

@@ -132,7 +132,7 @@ def test_an_option_that_does_not_exist_lists_those_that_do(argument: str, listed
     with pytest.raises((HydraException, ConfigError)) as caught:
         composed(argument)
     message = refusal(caught.value)
-    assert message.startswith(f"{argument.partition('=')[0]} is no option: ")
+    assert message.startswith(f"{argument.partition('=')[0]} is not an option: ")
     assert message.endswith(f"choose from [{', '.join(listed)}]")
 
 

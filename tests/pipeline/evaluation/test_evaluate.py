@@ -153,7 +153,7 @@ def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
             stage.run(run)
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=9x9: give a dataset and its config"):
         run_of(small_dataset.data_dir, tmp_path, evaluate_on="9x9")
-    with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for policies of runs"):
+    with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for trained policies"):
         make_run(tmp_path, stages=["evaluate"], policy="module:name", evaluate_on="d/3x3")
 
 

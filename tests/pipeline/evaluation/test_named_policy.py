@@ -187,7 +187,7 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
-        ({"policy": "", "observation": "text"}, "observation=text: encoders look at image or vect"),
+        ({"policy": "", "observation": "text"}, "observation=text is only for policy=...: give im"),
     ],
 )
 def test_impossible_options_are_refused_in_one_line(run_of, options, message):
@@ -225,7 +225,7 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
 
 
 def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):
-    with pytest.raises(ConfigError, match=r"policy=a:b is not trained: stages=evaluate"):
+    with pytest.raises(ConfigError, match=r"policy=a:b: give stages=evaluate, not train"):
         make_run(tmp_path, stages=["train", "evaluate"], policy="a:b")
 
 

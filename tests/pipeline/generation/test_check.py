@@ -219,7 +219,7 @@ def the_second_labyrinth_in_place_of_the_first(split: str) -> Change:
 def a_labyrinth_more_than_there_are_parents(rows: Rows, _: Path) -> str:
     start = len(rows)
     rows += renamed(rows[: episode_starts(rows)[1]], "s0", 3)
-    return f"row {start} info: a labyrinth that is made from none of train"
+    return f"row {start} info: a labyrinth that is not made from any of train"
 
 
 def ends_too_near_to_each_other(rows: Rows, _: Path) -> str:

@@ -217,7 +217,7 @@ def retyped(name: str, type_: pa.DataType) -> Callable[[pa.Table], pa.Table]:
 )
 def test_other_columns_are_found(folder: Path, change: Callable[[pa.Table], pa.Table]) -> None:
     changed_table(folder, change)
-    assert f"{TRAIN}: its columns are not the five" in problems(folder)
+    assert f"{TRAIN}: its columns are not a dataset's" in problems(folder)
 
 
 @pytest.mark.parametrize(
@@ -234,7 +234,7 @@ def test_a_field_that_holds_nothing_is_found(folder: Path, row: int, column: str
     holder, key = (rows[row]["obs"], part) if part else (rows[row], column)
     holder[key] = None
     write(folder, "train", pa.Table.from_pylist(rows, schema=arrow_schema()))
-    assert f"{TRAIN} row {row} {column}: nothing there" in problems(folder)
+    assert f"{TRAIN} row {row} {column}: no value" in problems(folder)
 
 
 def test_text_that_is_not_utf8_is_found(folder: Path) -> None:

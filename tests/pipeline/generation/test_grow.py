@@ -87,7 +87,7 @@ def test_a_finished_dataset_grows_only_where_that_is_asked_for(
     fingerprint = Manifest.read(short / "4x4").fingerprint
     folders = {"run_dir": str(tmp_path / "runs"), "results_dir": str(tmp_path / "results")}
     for given in ({}, {"part": "1/2"}):
-        with pytest.raises(DatasetError, match=r"grow=true .*; runs and results of the dataset"):
+        with pytest.raises(DatasetError, match=r"grow=true .*; runs and results would refer to"):
             build(short, **OF_FOUR, **options, **folders, **given)
     for name, of in {
         "runs/4x4/bc-seed0/run.json": fingerprint,
@@ -97,7 +97,7 @@ def test_a_finished_dataset_grows_only_where_that_is_asked_for(
         path = tmp_path / name
         path.parent.mkdir(parents=True)
         path.write_text(f'{{"fingerprint": "{of}"}}')
-    words = r"submissions/4x4/mine.json, \S*bc-seed0/run.json of the dataset as it is would"
+    words = r"submissions/4x4/mine.json, \S*bc-seed0/run.json would refer to"
     with pytest.raises(DatasetError, match=words):
         build(short, **OF_FOUR, **options, **folders)
     assert content_of(short) == there

@@ -105,11 +105,11 @@ def test_parts_with_other_options_in_one_folder_are_refused(
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ("0/4", "give the number of a part and of all, such as 3/64"),
+        ("0/4", "give the part and the number of parts, such as 3/64"),
         ("5/4", "give a part from 1 to 4, such as 1/4"),
-        ("x", "give the number of a part and of all, such as 3/64"),
-        ("1/0", "give the number of a part and of all, such as 3/64"),
-        ("1", "give the number of a part and of all, such as 3/64"),
+        ("x", "give the part and the number of parts, such as 3/64"),
+        ("1/0", "give the part and the number of parts, such as 3/64"),
+        ("1", "give the part and the number of parts, such as 3/64"),
     ],
 )
 def test_what_is_no_part_is_refused(
@@ -122,5 +122,5 @@ def test_what_is_no_part_is_refused(
 def test_only_builds_have_parts(make_run: Callable[..., Run], tmp_path: Path) -> None:
     run = make_run(tmp_path, part="1/2", stages=["build", "validate", "card"])
     assert run.options.stages == ("build",)
-    with pytest.raises(ConfigError, match="part=1/2: only stages=build has parts"):
+    with pytest.raises(ConfigError, match="part=1/2: only stages=build runs in parts"):
         make_run(tmp_path, part="1/2", stages=["validate"])

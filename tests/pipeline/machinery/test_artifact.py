@@ -309,7 +309,7 @@ def test_files_that_an_interrupted_run_has_written_are_still_known(
 )
 def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / HASHES).write_text(text, encoding="latin-1")
-    with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is somebody else's: move it.*\Z"):
+    with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is another program's: move it.*\Z"):
         Sums.read(tmp_path)
 
 

@@ -105,9 +105,7 @@ def test_an_error_of_the_source_comes_after_the_results_before_it(workers: int) 
 
 
 def test_a_lost_worker_is_answered_with_one_line_and_the_next_map_has_others() -> None:
-    with pytest.raises(
-        DatasetError, match=r"a worker was lost.*the same command goes on"
-    ) as caught:
+    with pytest.raises(DatasetError, match=r"a worker was lost.*the same command again") as caught:
         list(ordered_map(always_die, range(4), 2))
     assert "\n" not in str(caught.value)
     assert list(ordered_map(abs, range(4), 2)) == [0, 1, 2, 3]
@@ -165,7 +163,7 @@ def test_nothing_is_left_of_a_build_whose_first_process_is_ended(name: str, tmp_
                 os.killpg(run.pid, signal.SIGKILL)
     if number == signal.SIGTERM:
         assert run.returncode == 128 + number
-        assert "terminated: the same command goes on from what is finished" in err
+        assert "terminated: run the same command again to resume" in err
         assert list(tmp_path.iterdir()) == []
 
 

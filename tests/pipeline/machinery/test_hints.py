@@ -33,7 +33,7 @@ def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
     flags = ["--config-name=small", "--config-dir", "my own"]
     printed = run(tmp_path, *flags, "stages=build", """data_dir="my data's\"""").stdout
     purpose, _, hint = printed.splitlines()[-1].partition(": ")
-    assert purpose == "Next, to replay every row and describe it"
+    assert purpose == "Next, to check every row and describe the dataset"
     assert hint.startswith(
         f"python {RUN} --config-name=small '--config-dir={tmp_path}/my own' size=3"
     )
@@ -47,7 +47,7 @@ def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
 @pytest.mark.parametrize(
     ("stages", "expected"),
     [
-        (["build"], "Next, to replay every row and describe it: "),
+        (["build"], "Next, to check every row and describe the dataset: "),
         (["build", "validate", "analyse", "card"], "Next, to look at it in a browser: "),
         (["train", "evaluate"], "Next, to compare it with others: "),
         (["validate"], None),

@@ -405,7 +405,7 @@ def refused(folder: Path, message: str) -> None:
     ("name", "content", "message"),
     [
         ("README.md", "# Another project\n", "is not the README of a dataset: choose another"),
-        ("SHA256SUMS", f"{'0' * 64}  thesis.txt\n", "SHA256SUMS is somebody else's: move it away"),
+        ("SHA256SUMS", f"{'0' * 64}  thesis.txt\n", "SHA256SUMS is another program's: move it"),
         (
             f"{OTHER}/test-00000-of-00001.parquet",
             "damaged",

@@ -26,7 +26,7 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         (WHERE | {"version": ""}, {}, "publish.version=: give three numbers, such as 1.0.0"),
         (WHERE | {"version": "v1"}, {}, "publish.version=v1: give three numbers"),
         (MODEL | {"model": "planner"}, {}, "publish.model=planner: give the id of a model on the"),
-        (MODEL, {}, "dataset=: give the id on the Hub of the dataset that what is published is of"),
+        (MODEL, {}, "dataset=: give the id on the Hub of the dataset that the policy or the"),
         *(
             (
                 WHERE | {"repo_id": "", name: REPO},

@@ -64,7 +64,7 @@ def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_pat
     ("stage", "options", "message"),
     [
         ("season", {"labyrinths": 15}, "labyrinths=15: give 16 or more, since fewer can be guess"),
-        ("season", {"seed": 3}, "seed=3: that of a season follows from its secret"),
+        ("season", {"seed": 3}, "seed=3: a season makes its seed from its secret"),
         ("season", {"executor": "dask"}, "executor=dask: a season stays on one machine"),
         ("season", {"date": "2026-13-30"}, "season.date=2026-13-30: give the day on which the"),
         ("judge", {"submission": ""}, "season.submission=: give the policy to judge"),

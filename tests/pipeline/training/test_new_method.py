@@ -169,7 +169,7 @@ def test_a_setting_keeps_its_limits_where_a_default_alone_changes(
     for values, told in (
         ({"batch_size": 1}, "batch_size=1: give a whole number, 2 or more"),
         ({"share": 2}, "share=2: give a number from 0 to 1"),
-        ({"speed": 1}, r"speed is no option: choose from \[method.epochs, .*share"),
+        ({"speed": 1}, r"speed is not an option: choose from \[method.epochs, .*share"),
     ):
         with pytest.raises(ConfigError, match=rf"^method\.{told}"):
             find("m:Idle", values)

@@ -252,7 +252,7 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         ({"method": {"name": "loop"}}, "method=loop"),
         ({"method": {"epochs": 0}}, "method.epochs=0: give a whole number, 1 or more"),
         ({"method": {"learning_rate": "x"}}, "method.learning_rate=x: give a number"),
-        ({"method": {"speed": 1}}, "method.speed is no option: choose from [method.epochs"),
+        ({"method": {"speed": 1}}, "method.speed is not an option: choose from [method.epochs"),
         ({"method": {"name": "sqil", "gamma": 1}}, "method.gamma=1: give a number from 0 to 0.999"),
         ({"method": {"name": "sqil", "temperature": 0}}, "give a number, 0.001 or more"),
         (
