@@ -1,4 +1,4 @@
-"""The stage `reveal`: the secret, the results in full, and the submissions that are on no Hub."""
+"""The stage `reveal`: publish the secret, the full results, and submissions not on the Hub."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pipeline.season.judge import read_rows
 
 
 def run(run: Run) -> None:
-    """Publish the secret of a season and all that was kept with it; the secret comes last.
+    """Publish the private files of a season, and its secret last.
 
     Raises:
-        DatasetError: There is no such season, or results are missing or changed.
+        DatasetError: The season does not exist, or results are missing or changed.
     """
     place = Place.of(run)
     season = Season.read(place)

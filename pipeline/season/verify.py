@@ -1,4 +1,4 @@
-"""The stage `verify`: a revealed season made again, and each submission judged again."""
+"""The stage `verify`: rebuild the test of a revealed season, and judge each submission again."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pipeline.season.judge import Row, judged, read_rows
 from pipeline.season.submission import fetched, versions
 
 EQUAL = "yes"
-"""What is shown of a submission whose results come out again to the last bit."""
+"""Shown for a submission whose results are reproduced to the last bit."""
 
 
 def run(run: Run) -> None:
-    """Verify a season from what is published of it, and print what differs.
+    """Verify a season from its published files, and print all differences.
 
     Raises:
-        DatasetError: There is no such season, it is not revealed, or something differs.
+        DatasetError: The season does not exist, is not revealed, or cannot be confirmed.
     """
     place = Place.of(run)
     season = Season.read(place)
@@ -50,7 +50,7 @@ def run(run: Run) -> None:
 
 
 def _other_files(season: Season, paths: list[str]) -> int:
-    """Say whether the files of the test are those committed to; return 1 if nothing explains it."""
+    """Compare the files of the test with the commitment; return 1 for an unexplained difference."""
     say(f"{season.name}: the secret and the content of the test are those committed to.")
     if not paths:
         say(f"All {len(season.shards)} files of the test are equal to the last bit.")
@@ -66,7 +66,7 @@ def _other_files(season: Season, paths: list[str]) -> int:
 def _judged_again(
     place: Place, season: Season, number: int, row: Row, known: KnownDataset
 ) -> tuple[str, str]:
-    """Return the figures of a submission that is judged again, and `EQUAL` or what differs."""
+    """Judge a submission again; return its figures, and `EQUAL` or the difference."""
     revealed = place.public / "results" / f"{number}.json"
     folder = None if row["commit"] else place.public / "submissions" / str(number)
     try:
@@ -92,7 +92,7 @@ def _judged_again(
 
 
 def _self_reported(path: Path, known: KnownDataset) -> bool:
-    """Say what results claim that were not judged from weights; return whether they are refused."""
+    """Print self-reported results, which nobody has judged; return whether they are refused."""
     try:
         results = Results.load(path, lambda _: known)
         results.require_dataset(known)
