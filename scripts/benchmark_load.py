@@ -275,8 +275,8 @@ def against(tree: Path, data_dir: Path, rounds: int) -> None:
 def main() -> None:
     """Measure and report."""
     parser = parser_of(__doc__, rounds=7)
-    parser.add_argument("--labyrinths", type=positive, default=1_000, help="in the split train")
-    parser.add_argument("--pairs", type=positive, default=200, help="transitions of datasets")
+    parser.add_argument("--labyrinths", type=positive, default=1_000, help="those in train")
+    parser.add_argument("--pairs", type=positive, default=200, help="read with `datasets`")
     parser.add_argument("--streams", action="store_true", help="measure streams alone")
     parser.add_argument("--against", type=Path, help="another tree of the project")
     parser.add_argument("--one", help=argparse.SUPPRESS)

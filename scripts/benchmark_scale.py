@@ -243,7 +243,7 @@ def main() -> None:
     """Parse the options, measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sizes", type=int, nargs="*", choices=SHARDS, default=[*SHARDS])
-    parser.add_argument("--two", type=int, metavar="SIZE", help="size to build with one and two")
+    parser.add_argument("--two", type=int, metavar="SIZE", help="build it with 1 and 2 workers")
     parser.add_argument("--picture", type=Path, help="file for the simulated speeds")
     given = parser.parse_args()
     print(machine("numpy", "pyarrow", "joblib"), flush=True)

@@ -203,7 +203,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [client.name for client in CLIENTS]
-    parser.add_argument("--folder", type=Path, required=True, help="of all that the check makes")
+    parser.add_argument("--folder", type=Path, required=True, help="for all that the check makes")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="clients to check")
     parser.add_argument("--again", action="store_true", help="also those that passed before")
     arguments = parser.parse_args()

@@ -308,7 +308,7 @@ def main() -> int:
     """Compare the current tree with another commit; return 1 if anything differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("base", nargs="?", default=BASE, help=f"commit to compare with ({BASE})")
-    parser.add_argument("--keep", type=Path, help="new folder to leave what was made in")
+    parser.add_argument("--keep", type=Path, help="new folder for the outputs of both")
     parser.add_argument("--compare", type=Path, help="folder of --keep to compare again")
     options = parser.parse_args()
     if options.compare:

@@ -24,9 +24,9 @@ def parser_of(description: str, rounds: int) -> argparse.ArgumentParser:
     """Return a parser with the options `--rounds` and `--quick`."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument(
-        "--rounds", type=positive, default=rounds, help="rounds; each times everyone once"
+        "--rounds", type=positive, default=rounds, help="rounds; each times everything once"
     )
-    parser.add_argument("--quick", action="store_true", help="little work, for a first look")
+    parser.add_argument("--quick", action="store_true", help="less work, for a quick look")
     return parser
 
 
@@ -37,7 +37,7 @@ def positive(text: str) -> int:
         ArgumentTypeError: The text is not a positive integer.
     """
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: give a whole number from 1 on")
+        raise argparse.ArgumentTypeError(f"{text}: give a whole number, 1 or more")
     return int(text)
 
 

@@ -110,10 +110,10 @@ def check_options(command: list[str]) -> None:
 def run_commands(text: str, mark: str, first: str) -> None:
     """Run the commands of a block in the current folder, and compare how the shells read them."""
     if "#" in text:
-        raise BlockError("a comment, which zsh takes for words where it is typed")
+        raise BlockError("the block has a comment, which zsh reads as words at the prompt")
     by_shell = {name: words(name, text.replace("scripts/", "")) for name in SHELLS}
     if by_shell["bash"] != by_shell["zsh"]:
-        raise BlockError(f"the shells make other words of it: {by_shell}")
+        raise BlockError(f"the shells split it into different words: {by_shell}")
     if mark.startswith("not run: "):
         for command in by_shell[first]:
             check_options(command)

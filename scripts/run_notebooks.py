@@ -63,7 +63,7 @@ def run(path: Path, write: bool) -> tuple[str, bool]:
     if write:
         nbformat.write(notebook, path)
     elif stale := [*map(str, changed(kept, notebook))]:
-        return f"{path.name}: cells {', '.join(stale)} print other words: --write keeps them", False
+        return f"{path.name}: the text of cells {', '.join(stale)} has changed: use --write", False
     return f"{path.name}: ran in {time.monotonic() - started:.0f} s", True
 
 
@@ -97,7 +97,7 @@ def changed(kept: Any, now: Any) -> Iterator[int]:
 def main() -> int:
     """Run all notebooks; return the exit status, which is 1 if one of them fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="keep the outputs in the notebooks")
+    parser.add_argument("--write", action="store_true", help="save the outputs in the notebooks")
     options = parser.parse_args()
     # Cells run the programs of this environment.
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"

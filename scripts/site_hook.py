@@ -131,7 +131,7 @@ def on_post_build(config: MkDocsConfig) -> None:
             if NO_ALTERNATIVE in image or not re.search(r'alt="[^"]', image)
         ]
         problems += [
-            f"{page.relative_to(site)}: {link} is no page" for link in dead_links(page, html)
+            f"{page.relative_to(site)}: broken link {link}" for link in dead_links(page, html)
         ]
     if problems:
         raise PluginError("; ".join(problems))

@@ -45,7 +45,7 @@ def run(run: Run) -> None:
     if run.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
         written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
-        say(f"{folder} has {written} moving pictures.")
+        say(f"{folder} has {written} animated GIFs.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():
         say_once(part)

@@ -57,7 +57,7 @@ def judge_trained(run: Run) -> Judged:
         raise DatasetError(
             f"{folder} was trained on another dataset than {run.source}: their fingerprints "
             f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
-            f"{config.name} evaluates it there all the same"
+            f"{config.name} evaluates it on that dataset anyway"
         )
     path = folder / RESULTS
     if judged_on is not run:
@@ -81,7 +81,7 @@ def judge_trained(run: Run) -> Judged:
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
         rates = (f"{split} {figures['sr']:.0%}" for split, figures in as_tried.items())
-        say(f"As the code of protocol={options.protocol} tries a policy: {', '.join(rates)}")
+        say(f"Evaluated as in the code of protocol={options.protocol}: {', '.join(rates)}")
     made = TrainedRun(
         **asdict(run.run_name),
         settings=about["settings"],
@@ -130,8 +130,8 @@ def elsewhere(run: Run) -> Run:
 
     check(
         run.options.observation != "vector" or vectors(config) == vectors(trained_on),
-        f"evaluate_on={run.options.evaluate_on}: observation=vector has other vectors at {name} "
-        f"than at {trained_on.name}, where the policy was trained",
+        f"evaluate_on={run.options.evaluate_on}: the policy observes vectors of {trained_on.name}, "
+        f"which have another format than those of {name}",
     )
     options = replace(run.options, dataset=source, revision=None, train_labyrinths=None)
     return replace(run, options=options, dataset=config)

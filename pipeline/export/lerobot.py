@@ -86,7 +86,7 @@ def _frames_and_rows(
     for number, (episode, labyrinth) in enumerate(pairs):
         if labyrinth["labyrinth_id"] != f"{episode.labyrinth_id:016x}":
             raise DatasetError(
-                f"split={split.name}: the table of labyrinths is not of its episodes"
+                f"split={split.name}: the table of labyrinths does not match its episodes"
             )
         frames = _frames(episode, number, first)
         own = {name: _sums(each) for name, each in (frames | {IMAGE: episode.observations}).items()}

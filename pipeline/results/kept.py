@@ -82,7 +82,8 @@ def read(path: Path, available: Available, place: tuple[str, str] | None = None)
     try:
         if run is not None and place is not None:
             if (results.config, run.name) != place:
-                raise ValueError(f"it is of the run {results.config}/{run.name}, not of this one")
+                name = f"{results.config}/{run.name}"
+                raise ValueError(f"it belongs to the run {name}, not to this one")
             check_run(run, results.observation)
         if known is None:
             return results
@@ -116,8 +117,8 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
     files = {name: path.read_bytes() for name, path in found.items()}
     for name in Sums.read(results_dir).others(files):
         refused.append(
-            f"{found[name]} is not copied: somebody else made or changed {results_dir / name}; "
-            "move that away"
+            f"{found[name]} is not copied: {results_dir / name} was made or changed by somebody "
+            "else; move it away"
         )
         del files[name]
     if files:
@@ -140,7 +141,7 @@ def read_all(
             if path.is_relative_to(results_dir / RUNS):
                 each = read(path, available, (path.parent.name, path.stem))
                 if each.run is None:
-                    raise DatasetError(f"{path} is refused: it is not of a run that was trained")
+                    raise DatasetError(f"{path} is refused: it has no results of a training run")
                 runs[path] = each
             else:
                 each = read(path, available)
@@ -168,13 +169,13 @@ def _require_own_name(
 ) -> None:
     """Raise a DatasetError if a submission has the name of a run or of another submission."""
     if results.run is not None or results.method is None:
-        raise DatasetError(f"{path} is refused: it is of a run, and belongs below {RUNS}")
+        raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
     if as_compared(results.method.author) == as_compared(AUTHOR):
-        raise DatasetError(f"{path} is refused: author={AUTHOR} is for runs")
+        raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
     name = as_compared(results.method.name)
     reason = named.get((results.config, results.fingerprint, name))
     if name in {as_compared(each) for method in METHODS.items() for each in method}:
-        reason = f"name={results.method.name} is for runs"
+        reason = f"name={results.method.name} is reserved for runs"
     if reason is not None:
         raise DatasetError(f"{path} is refused: {reason}")
 
@@ -195,7 +196,7 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         other = first.setdefault(results.config, path)
         if _differ(runs[other], results):
             raise DatasetError(
-                f"{path} and {other} are of different datasets, and not to be compared: "
+                f"{path} and {other} are of different datasets, so they cannot be compared: "
                 "remove one, or choose another results_dir"
             )
         other = first.setdefault((results.config, run.of_all_seeds), path)
@@ -205,7 +206,7 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         if common:
             differing = ", ".join(f"{name}={mine[name]} and {others[name]}" for name in common)
             raise DatasetError(
-                f"{path} and {other} are of different settings, {differing}, and not to "
+                f"{path} and {other} have different settings, {differing}, so they cannot "
                 "be averaged: remove one, or choose another results_dir"
             )
 

@@ -132,9 +132,9 @@ class Season:
             season = cls(**{each.name: content[each.name] for each in fields(cls)})
             season.dataset_of(b"")
         except FileNotFoundError as error:
-            raise DatasetError(f"{place.public} is no season: no {place.season.name}") from error
+            raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
         except (OSError, *MALFORMED) as error:
-            raise DatasetError(f"{place.season} is no season: {one_line(error):.300}") from error
+            raise DatasetError(f"{place.season} is invalid: {one_line(error):.300}") from error
         return season
 
     def to_text(self) -> str:
@@ -146,7 +146,7 @@ class Season:
         try:
             secret = bytes.fromhex(path.read_text(encoding="ascii"))
         except FileNotFoundError as error:
-            raise DatasetError(f"{path} is not there: it holds the season's secret") from error
+            raise DatasetError(f"{path}, the season's secret, does not exist") from error
         except (OSError, ValueError):
             raise DatasetError(f"{path} holds no secret") from None  # Must not print the content.
         if hashlib.sha256(secret).hexdigest() != self.secret_sha256:

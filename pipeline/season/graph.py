@@ -48,7 +48,7 @@ def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
         PolicyError: The graph cannot be loaded, or has other inputs or outputs than a policy.
     """
     if sys.platform != "linux":
-        raise DatasetError(f"{named}: ONNX graphs are judged on Linux, where memory can be bounded")
+        raise DatasetError(f"{named}: ONNX graphs need Linux, where memory can be limited")
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
@@ -134,7 +134,7 @@ class GraphPolicy:
             else:
                 least = most = size
             if not least <= length <= most:
-                self._refuse(f"it answers {length} bytes")
+                self._refuse(f"its answer has {length} bytes")
             answer = self._process.stdout.read(length)
             if len(answer) < length:
                 self._refuse_ended(late)
@@ -147,7 +147,7 @@ class GraphPolicy:
     def _refuse_ended(self, late: Event) -> NoReturn:
         if late.is_set():
             self._refuse(f"it takes more than {SECONDS:g} seconds")
-        self._refuse("its process ended, perhaps for want of memory")
+        self._refuse("its process ended, perhaps because memory ran out")
 
     def _refuse(self, reason: str) -> NoReturn:
         raise PolicyError(f"{self._named} is refused: {reason:.300}")

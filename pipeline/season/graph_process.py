@@ -65,7 +65,7 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
             observations = np.frombuffer(content, dtype).reshape(-1, *shape[1:])
             scores = session.run(None, {name: observations})[0]
             if scores.shape != (len(observations), 4):
-                raise ValueError(f"it answers {scores.shape} to {len(observations)} observations")
+                raise ValueError(f"{len(observations)} observations give an output {scores.shape}")
             send(scores.astype(np.float32).tobytes())
     except Exception as error:  # Any error: the graph is not trusted.
         send(f"{type(error).__name__}: {error}".encode(), error=True)

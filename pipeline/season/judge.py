@@ -68,7 +68,7 @@ def run(run: Run) -> None:
         raise ConfigError(f"season.submission: {error}") from error
     season = Season.read(place)
     if place.revealed.exists():
-        raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
+        raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
     secret = season.require_secret(place.secret)
     with held(place.public, place.judged.name), fetched(named) as submission:
         rows = read_rows(place)
@@ -88,7 +88,7 @@ def run(run: Run) -> None:
     say(f"{named} is judged{again}: SPL {test['spl']:.2f}, SR {test['sr']:.2f}, in {place.judged}")
     if len(rows) > 1:
         chance = by_chance(len(rows), season.labyrinths["test"])
-        say(f"The best of {len(rows)} may owe {chance:.3f} of its figures to being chosen.")
+        say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
 def _is_of(row: Row, submission: Submission) -> bool:
@@ -174,7 +174,7 @@ def read_rows(place: Place) -> list[Row]:
         return []
     except (OSError, *MALFORMED) as error:
         raise DatasetError(
-            f"{place.judged} is no list of results: {one_line(error):.300}"
+            f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error
     rows: list[Row] = content["judged"]
     return rows

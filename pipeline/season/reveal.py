@@ -32,6 +32,6 @@ def run(run: Run) -> None:
                 files[f"submissions/{number}/{path.name}"] = path.read_bytes()
         files[place.revealed.name] = f"{secret.hex()}\n".encode()
         leave(place.public, files)
-    say(f"{place.public} is revealed: publish it, and stages=verify checks it anywhere.")
+    say(f"{place.public} is revealed: publish it, so that anyone can check it with stages=verify.")
     seed = season.dataset_of(secret).seed
     say(f"The dataset is that of seed={seed}, with the options in {place.season}.")

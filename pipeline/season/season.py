@@ -63,7 +63,7 @@ def _keep(path: Path, secret: bytes) -> None:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError as error:
         raise DatasetError(
-            f"{path} exists, without its season: move it away, or choose another season.name"
+            f"{path} exists, but its season does not: move it away, or choose another season.name"
         ) from error
     try:
         with naming(path), os.fdopen(descriptor, "w", encoding="ascii") as file:

@@ -103,7 +103,7 @@ def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     commit, held = str(found.sha), {each.rfilename for each in found.siblings or ()}
     if revision is not None and re.fullmatch("[0-9a-f]{40}", revision):
-        _require(source, "what the Hub has", commit, revision)
+        _require(source, "the commit on the Hub", commit, revision)
     return commit, _kind(source, held)
 
 
@@ -139,7 +139,7 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
 def _require(named: str, what: str, found: str | None, expected: str) -> None:
     if found != expected:
         raise DatasetError(
-            f"{named}: {what} is of another revision than named: it is "
+            f"{named}: {what} differs from the named revision: it is "
             f"{found or 'missing':.16}, not {expected:.16}"
         )
 

@@ -51,15 +51,15 @@ def run(run: Run) -> None:
 
 def _other_files(season: Season, paths: list[str]) -> int:
     """Compare the files of the test with the commitment; return 1 for an unexplained difference."""
-    say(f"{season.name}: the secret and the content of the test are those committed to.")
+    say(f"{season.name}: the secret and the content of the test match the commitment.")
     if not paths:
-        say(f"All {len(season.shards)} files of the test are equal to the last bit.")
+        say(f"All {len(season.shards)} files of the test are identical.")
         return 0
     here, then = build_versions(), season.versions
     unlike = [f"{name} {then.get(name)}, here {here[name]}" for name in here]
     unlike = [line for line, name in zip(unlike, here, strict=True) if then.get(name) != here[name]]
-    why = f"written by {'; '.join(unlike)}" if unlike else "though by the same versions"
-    say(f"{len(paths)} of {len(season.shards)} files have that content in other bytes, {why}.")
+    why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"
+    say(f"{len(paths)} of {len(season.shards)} files have other bytes for this content, {why}.")
     return int(not unlike)
 
 
@@ -76,11 +76,11 @@ def _judged_again(
             here = versions(submission.library)
         figures = _shown(again.row["figures"]["test"])
         if not revealed.is_file() or file_sha256(revealed) != row["results_sha256"]:
-            return figures, f"no: results/{revealed.name} is not what was committed to"
+            return figures, f"no: results/{revealed.name} does not match the commitment"
         if again.row == row:
             return figures, EQUAL
         if again.row["results_sha256"] == row["results_sha256"]:
-            return figures, f"no: {place.judged.name} says something else than the results"
+            return figures, f"no: {place.judged.name} contradicts the results"
         told = Results.load(revealed, lambda _: known).splits
     except (DatasetError, PolicyError) as error:
         return "-", f"no: {error}"
@@ -102,7 +102,7 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
         say(f"self-reported, and refused: {error}")
         return True
     test, name = results.splits["test"], results.method.name if results.method else path.name
-    say(f"self-reported, so perhaps invented: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
+    say(f"self-reported, not verified: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
     return False
 
 

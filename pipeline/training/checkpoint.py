@@ -63,8 +63,8 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
         DatasetError: The file cannot be read, or belongs to another run.
     """
     tensors, state = load_tensors(path, "state")
-    advice = f": {INSTEAD}, or give overwrite=true to begin anew"
-    require_same(f"{path} is of a run", state["run"], identity, advice)
+    advice = f": {INSTEAD}, or give overwrite=true to start again"
+    require_same(f"{path} belongs to a run", state["run"], identity, advice)
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])
@@ -105,8 +105,8 @@ def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
             plain[name] = value
         else:
             raise ConfigError(
-                f"the method's attribute {name} is of the type {type(value).__name__}, which a "
-                "checkpoint does not keep: it keeps networks, optimizers, arrays and numbers"
+                f"the method's attribute {name} has the type {type(value).__name__}, which a "
+                "checkpoint cannot save: it saves networks, optimizers, arrays and numbers"
             )
     return tensors, plain
 

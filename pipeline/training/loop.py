@@ -102,8 +102,8 @@ def _plain(figures: Any) -> dict[str, float]:
     except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         returned = " ".join(repr(figures).split())
         raise ConfigError(
-            f"the method's epoch returned {returned:.100}: it has to return numbers by name, the "
-            'loss among them, such as {"loss": 0.5}'
+            f"the method's epoch returned {returned:.100}: it has to return a dictionary of "
+            'numbers with the loss, such as {"loss": 0.5}'
         ) from error
     return plain
 
@@ -112,6 +112,6 @@ def _require_finite(figures: Mapping[str, float], epoch: int, rate: float) -> No
     for name, value in figures.items():
         check(
             isfinite(value),
-            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, from where training "
-            "cannot go on; give a lower one. Nothing that was there is changed",
+            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, so that training "
+            "cannot continue; give a lower rate. Existing files are unchanged",
         )

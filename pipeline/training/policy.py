@@ -43,10 +43,10 @@ def load_tensors(
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, json.loads((file.metadata() or {})[text])
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: stages=train makes it") from error
+        raise DatasetError(f"{path} does not exist: stages=train makes it") from error
     except (OSError, SafetensorError, *MALFORMED) as error:
         reason = f"{path} cannot be read: {one_line(error)}"
-        raise DatasetError(f"{reason}; remove it to begin anew with stages=train") from error
+        raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
 
 
 def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> None:

@@ -59,7 +59,7 @@ def write_record(
         picture = _curves(name, progress.history)
         files[CURVES] = hashlib.sha256(picture).hexdigest()
     except Exception as error:  # Any error: a plot must never cost the policy.
-        say(f"{CURVES} is left out, as it cannot be drawn: {one_line(error):.300}")
+        say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     content = {
         "format": FORMAT,
         "run": identity,

@@ -114,7 +114,7 @@ def choose_device(options: TrainingOptions) -> torch.device:
         torch.set_num_threads(options.threads)
     available = torch.cuda.is_available()
     if options.device == "cuda" and not available:
-        raise ConfigError("device=cuda: there is none here; choose cpu or auto")
+        raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 

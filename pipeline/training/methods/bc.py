@@ -34,11 +34,11 @@ class Settings(BaseSettings):
 
     augment: bool = setting(
         False,
-        "whether pictures and actions are turned together, by the eight symmetries of the square",
+        "whether pictures and actions are transformed by the eight symmetries of the square",
     )
     relabel: bool = setting(False, "whether any two states of a route are taken as start and goal")
     average: bool = setting(
-        False, "whether the policy looks at a picture in all eight ways when it acts"
+        False, "whether the policy averages over the eight symmetries when it acts"
     )
     pictures: int = setting(
         1024, "number of pictures in an epoch that augments or relabels", at_least=1

@@ -33,7 +33,7 @@ class Settings(BaseSettings):
     """An epoch is one pass of the policy over the demonstrations."""
 
     alpha: float = setting(
-        0.1, "number of steps of the policy in a round, as a multiple of those of the random policy"
+        0.1, "number of the policy's steps in a round, as a multiple of the random policy's steps"
     )
     epochs_a_round: int = setting(10, "number of passes before the policy acts again", at_least=1)
     model_epochs: int = setting(

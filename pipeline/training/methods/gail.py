@@ -58,8 +58,7 @@ class Settings(BaseSettings):
     epochs: int = 150
     batch_size: int = setting(
         256,
-        "number of states in a gradient step of the policy, and of pairs in one of the "
-        "discriminator",
+        "number of states in a gradient step of the policy or the discriminator",
         at_least=2,
     )
     steps: int = setting(64, "number of steps in each labyrinth in an epoch", at_least=1)

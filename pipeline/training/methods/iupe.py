@@ -39,7 +39,7 @@ class Settings(bco.Settings):
 
     episode_steps: int = setting(
         100,
-        "number of steps after which an episode of the policy for experience is cut",
+        "number of steps after which an episode that gathers experience is truncated",
         at_least=1,
     )
 

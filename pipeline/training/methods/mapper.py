@@ -67,16 +67,16 @@ class Settings(MapperSpec, BaseSettings):
     channels: int = 32
     looks: int = 4
     steps: int = setting(
-        32, "number of transitions of its labyrinth that are learnt from a picture", at_least=1
+        32, "number of its labyrinth's transitions that a picture teaches", at_least=1
     )
     explore: bool = setting(True, "whether it learns from the split random as well")
-    shift: int = setting(6, "most pixels by which pictures are shifted", at_least=0, at_most=60)
+    shift: int = setting(6, "maximum shift of pictures in pixels", at_least=0, at_most=60)
     grow: int = setting(
-        14, "most pixels by which a colour grows over others", at_least=0, at_most=60
+        14, "maximum growth of a colour over others in pixels", at_least=0, at_most=60
     )
     overgrow: int = setting(
         24,
-        "most pixels by which a colour grows in pictures that teach nothing about steps",
+        "maximum growth of a colour, in pixels, in pictures that teach nothing about steps",
         at_least=0,
         at_most=60,
     )
@@ -120,7 +120,7 @@ class Method(Learner):
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         check(
             spec.task == Task.NAVIGATION,
-            f"task={spec.task}: method=mapper learns navigation, and no other task",
+            f"task={spec.task}: method=mapper supports only task=navigation",
         )
         return make_network(spec, own=settings)
 

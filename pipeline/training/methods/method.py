@@ -54,7 +54,7 @@ class BaseSettings:
 
     epochs: int = setting(100, "number of calls of `Learner.epoch`", at_least=1)
     evaluate_every: int = setting(
-        2, "number of epochs after which the policy is tried on train and validation", at_least=1
+        2, "number of epochs between evaluations on train and validation", at_least=1
     )
     batch_size: int = setting(64, "number of transitions in a gradient step", at_least=2)
     learning_rate: float = setting(
@@ -267,7 +267,8 @@ def find(
         module = import_module(f"pipeline.training.methods.{name}")
         method, settings = module.Method, module.Settings
     allowed = [method.protocol] if method.protocol else ["default", "paper"]
-    check(protocol in allowed, f"protocol={protocol}: method={name} is for {' or '.join(allowed)}")
+    supported = f"method={name} supports only {' or '.join(allowed)}"
+    check(protocol in allowed, f"protocol={protocol}: {supported}")
     given = {key: value for key, value in values.items() if key != "name"}
     for each in fields(settings):
         there = each.name in given or each.default is not MISSING

@@ -94,8 +94,8 @@ def require_shortest(arrays: LabyrinthArrays) -> None:
     longer = int(arrays.demonstrated[~arrays.optimal].sum())
     check(
         not longer,
-        f"method.relabel=true: parts of routes are demonstrations only if the routes are shortest, "
-        f"but {longer} of {arrays.demonstrated.sum()} demonstrated actions are not on one; give "
+        f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
+        f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
         "method.relabel=false",
     )
 

@@ -46,9 +46,7 @@ class Settings(BaseSettings):
     )
     updates: int = setting(30, "number of gradient steps in an epoch", at_least=1)
     steps: int = setting(10, "number of steps in each labyrinth in an epoch", at_least=1)
-    buffer: int = setting(
-        50_000, "number of the learner's last steps that are remembered", at_least=1
-    )
+    buffer: int = setting(50_000, "number of the learner's latest steps that are kept", at_least=1)
     gamma: float = setting(
         0.9, "discount factor; with 1 the value of the goal would be infinite", at_most=0.999
     )

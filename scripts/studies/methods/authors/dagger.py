@@ -22,7 +22,7 @@ from . import bc, learner
 class Settings(learner.Settings):
     """An epoch is one pass over the rows."""
 
-    episodes: int = setting(10, "number of the solver's episodes that join in an epoch", at_least=1)
+    episodes: int = setting(10, "number of the solver's episodes added per epoch", at_least=1)
 
 
 class Method(bc.Method):

@@ -48,12 +48,10 @@ class Settings(learner.Settings):
     """An epoch has one gradient step per batch of rows."""
 
     batch_size: int = setting(
-        1, "number of rows in a gradient step, and of the learner's own steps", at_least=1
+        1, "number of rows, and of the learner's own steps, in a gradient step", at_least=1
     )
-    buffer: int = setting(
-        50_000, "number of the learner's last steps that are remembered", at_least=1
-    )
-    gamma: float = setting(0.99, "what is added where the episode goes on", at_most=1)
+    buffer: int = setting(50_000, "number of the learner's latest steps that are kept", at_least=1)
+    gamma: float = setting(0.99, "number added to the target unless the episode ends", at_most=1)
 
 
 class Method(AuthorsLearner):
