@@ -53,10 +53,9 @@ def run(run: Run) -> None:
 
 
 def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
-    """Write GIFs of `count` episodes in test, or in the first split that was evaluated.
+    """Write GIFs of `count` episodes in test, or in the first split evaluated; unsolved ones first.
 
-    Labyrinths that were not solved come first. Each GIF shows the policy's episode next to an
-    optimal one in the same labyrinth.
+    Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
     splits = judged.results.splits
     split = "test" if "test" in splits else next(iter(splits))

@@ -52,8 +52,7 @@ def judge_named(run: Run) -> Judged:
     Raises:
         ConfigError: The policy does not exist, or an option is not allowed.
         DatasetError: The policy or the dataset cannot be read, or a split is missing.
-        PolicyError: The policy raises an error, returns anything but actions, or does not support
-            these labyrinths.
+        PolicyError: The policy fails, returns no actions, or does not support these labyrinths.
     """
     options, asked = run.options, run.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
@@ -123,10 +122,9 @@ def named_policy(name: str) -> Any:
     """Load a policy by its name.
 
     Args:
-        name: One of: `module:name`, which is a policy, or a class or a function without arguments
-            that makes one, in a module that is installed or in the working directory; the folder of
-            a run or of a published policy; an id on the Hub such as `user/planner-5x5` or
-            `user/planner-5x5@1.0.0`.
+        name: `module:name` in an installed module or the working directory, which is a policy, or a
+            class or function without arguments that makes one; the folder of a run or of a
+            published policy; an id on the Hub, as `user/planner-5x5` or `user/planner-5x5@1.0.0`.
 
     Raises:
         ConfigError: The module or the name does not exist, or a folder is given with a revision.

@@ -119,7 +119,7 @@ def judged(
         submission: The submission.
         data_dir: The folder of the season's dataset.
         config: The config of that dataset.
-        signed: The library versions that the judge recorded; None for those of this process.
+        signed: The library versions that the judge recorded; None for this process's versions.
 
     Raises:
         PolicyError: The policy raises an error, returns anything but actions, or does not support

@@ -92,7 +92,7 @@ def _judged_again(
 
 
 def _self_reported(path: Path, known: KnownDataset) -> bool:
-    """Print self-reported results, which nobody has judged; return whether they are refused."""
+    """Print self-reported results, which no judge has verified; return whether they are refused."""
     try:
         results = Results.load(path, lambda _: known)
         results.require_dataset(known)

@@ -97,7 +97,7 @@ def main() -> None:
 
 
 def with_tables(page: str) -> str:
-    """Return the text of a page with its tables made anew from the results.
+    """Return the text of a page with its tables regenerated from the results.
 
     Raises:
         KeyError: A page names a table that no function makes.

@@ -1,4 +1,4 @@
-"""Two kinds of tables for results.md, from the runs in docs/results: the paper's, and memory.
+"""Tables for results.md, from docs/results: our runs beside the paper, and the effect of memory.
 
 `report_pages.py` writes them.
 """
