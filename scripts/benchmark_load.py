@@ -162,7 +162,7 @@ def torch_loaders(transitions: Any) -> dict[str, Any]:
     for name, each in loaders.items():
         got = [(int(action.sum()), int(s.sum())) for s, action, _ in each]
         if tuple(map(sum, zip(*got, strict=True))) != (actions, pixels):
-            sys.exit(f"{name}: other transitions than those of the dataset")
+            sys.exit(f"{name}: its transitions differ from the dataset")
     return loaders
 
 

@@ -34,4 +34,4 @@ def run(run: Run) -> None:
         leave(place.public, files)
     say(f"{place.public} is revealed: publish it, so that anyone can check it with stages=verify.")
     seed = season.dataset_of(secret).seed
-    say(f"The dataset is that of seed={seed}, with the options in {place.season}.")
+    say(f"The dataset has seed={seed} and the options in {place.season}.")

@@ -295,7 +295,7 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
         isclass(settings)
         and issubclass(settings, BaseSettings)
         and "__dataclass_fields__" in vars(settings),
-        f"method={name}: Settings beside it has to be a dataclass that inherits from BaseSettings",
+        f"method={name}: its Settings class has to be a dataclass that inherits from BaseSettings",
     )
     title = TrainingOptions(method={"name": name}).method_title
     check(
