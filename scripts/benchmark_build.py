@@ -1,13 +1,13 @@
-"""Measure builds beside the same builds with Pillow's PNG encoder, and with two workers.
+"""Measure builds, compared with Pillow's PNG encoder and between one and two workers.
 
     python scripts/benchmark_build.py [--sizes N ...] [--rounds N] [--quick]
 
-First on one core with cold caches, in CPU time: six splits, with one step of the random policy in
-each labyrinth; once with start and goal in the corners, once with both anywhere (`goals=varied`).
-Our build and Pillow's take turns on the same labyrinths. Pillow draws with our renderer, saves RGB
-at its default level, and computes no fingerprint.
+The first part measures CPU time on one core with cold caches: six splits, with one step of the
+random policy in each labyrinth; once with start and goal in the corners, once with both anywhere
+(`goals=varied`). Our build and one with Pillow take turns on the same labyrinths. The build with
+Pillow uses our renderer, saves RGB at Pillow's default level, and computes no fingerprint.
 
-Then whole builds by the clock, with one worker and with two.
+The second part measures whole builds in wall-clock time, with one worker and with two.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ class Scale(NamedTuple):
     compared: int
     quick: int
     whole: int
-    """In a whole build, with two or four shards in each split."""
+    """For a whole build, with two or four shards in each split."""
 
 
 SCALES = {
@@ -50,11 +50,11 @@ SCALES = {
     "25": Scale(20, 1, 1_280),
     "100": Scale(2, 1, 160),
 }
-"""Size -> how many labyrinths."""
+"""Size -> the numbers of labyrinths."""
 
 
 class PillowPictures(dict[State, tuple[bytes, bytes]]):
-    """A substitute for `shard.Pictures` that encodes all pixels with Pillow, default level."""
+    """Replaces `shard.Pictures`: encodes all pixels with Pillow at its default level."""
 
     def __init__(self, labyrinth: Labyrinth) -> None:
         super().__init__()
@@ -66,13 +66,13 @@ class PillowPictures(dict[State, tuple[bytes, bytes]]):
         return file.getvalue(), bytes(16)
 
     def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
-        """Return files and digests."""
+        """Return PNG files and digests."""
         pngs, digests = zip(*[self[state] for state in states], strict=True)
         return pngs, digests
 
 
 def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
-    """Build a dataset with cold caches; return the rows per second of CPU time."""
+    """Build a dataset with cold caches, and return the rows per second of CPU time."""
     forget()
     with (
         patch("pipeline.generation.shard.Pictures", pictures),

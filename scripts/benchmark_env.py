@@ -1,21 +1,21 @@
-"""Measure how fast the environments are, beside MiniGrid in the same run.
+"""Measure how fast the environments are, compared with MiniGrid in the same run.
 
     pip install minigrid
     python scripts/benchmark_env.py [--rounds N] [--quick]
 
-MiniGrid pins other versions of libraries: give it a virtual environment.
+MiniGrid pins other versions of libraries: use a virtual environment.
 
-In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
-median of the rounds' ratios to the last row above that has none. Rates are per second of CPU time,
-that of all threads together. All take random actions and reset when an episode ends, which is part
-of the time. Vector environments first run for as long as an episode can last, so that their
-episodes no longer begin and end together. "Kept" labyrinths, all different, stay the same from
-episode to episode, "fresh" ones are sampled anew for each.
+In each round every environment is timed once, so that a busy machine slows all of them alike. A
+ratio is the median over rounds of the ratio to the last row above that has no ratio. Rates are per
+second of CPU time, summed over all threads. All environments take random actions and reset when an
+episode ends, which counts. Vector environments first run for the maximum length of an episode, so
+that their episodes do not begin and end together. "Kept" labyrinths, all different, stay the same
+from episode to episode; "fresh" labyrinths are sampled anew for each episode.
 
-MiniGrid is `MiniGrid-Empty-8x8-v0` as `gymnasium.make` returns it, with its own observation, a
-7 x 7 x 3 array of symbols, which is the cheapest that it has and the most similar to a vector, or
-with its RGB wrapper, pictures of 64 x 64. Its actions are turning left, turning right and going
-forward. Labyrinths are 8 x 8 as well, except those of 5x5, the size of the datasets.
+MiniGrid is `MiniGrid-Empty-8x8-v0` as `gymnasium.make` returns it: with its own observation, a
+7 x 7 x 3 array of symbols, which is its cheapest and the most similar to a vector, or with its RGB
+wrapper, pictures of 64 x 64. Its actions are turning left, turning right and going forward.
+Labyrinths are 8 x 8 as well, except those of 5x5, the size of the datasets.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ OBSERVED_SIZE = 64
 PICTURED_ENVS = 1_024
 
 Rate = Callable[[], float]
-"""Measures something, and returns how many there are per second."""
+"""Takes a measurement, and returns a rate per second."""
 
 
 def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
@@ -65,7 +65,7 @@ def single(env: gymnasium.Env[Any, Any], actions: int, steps: int) -> Rate:
 
 
 def vector(size: int, steps: int, *, kept: bool, count: int = NUM_ENVS, **arguments: Any) -> Rate:
-    """Return a function that measures the steps per second of a vector, over all labyrinths."""
+    """Return a function that measures the steps per second of a vector environment, in total."""
     rng = np.random.default_rng(0)
     labyrinths = [sample_labyrinth(size, size, Task.NAVIGATION, rng) for _ in range(count)]
     env = gymnasium.make_vec(
@@ -90,7 +90,7 @@ def vector(size: int, steps: int, *, kept: bool, count: int = NUM_ENVS, **argume
 
 
 def copying(steps: int) -> Rate:
-    """Return a function that measures how many pictures a second are copied, a batch at a time."""
+    """Return a function that measures how many pictures per second are copied, in batches."""
     batch = np.ones((PICTURED_ENVS, OBSERVED_SIZE, OBSERVED_SIZE, 3), np.uint8)
 
     def work() -> int:
@@ -103,7 +103,7 @@ def copying(steps: int) -> Rate:
 
 
 def all_states(count: int) -> Rate:
-    """Return a function that measures of how many labyrinths a second all states are drawn."""
+    """Return a function that measures labyrinths per second when all their states are drawn."""
     rng = np.random.default_rng(0)
     labyrinths = [sample_labyrinth(5, 5, Task.NAVIGATION, rng) for _ in range(count)]
     views = [[(each, state_at(each, number)) for number in range(25)] for each in labyrinths]
@@ -117,7 +117,7 @@ def all_states(count: int) -> Rate:
 
 
 def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
-    """Return a function that measures the pictures per second, with a step before each."""
+    """Return a function that measures rendered pictures per second, not counting the steps."""
     choices = np.random.default_rng(0).integers(actions, size=count).tolist()
     env.reset(seed=0)
 
@@ -136,7 +136,7 @@ def pictures(env: gymnasium.Env[Any, Any], actions: int, count: int) -> Rate:
 
 
 def contestants(scale: int) -> tuple[dict[str, Rate], dict[str, str]]:
-    """Return the measurements by name, and the name of what each is compared with."""
+    """Return the measurements by name, and the name of the one that each is compared with."""
     from minigrid.wrappers import RGBImgObsWrapper
 
     make = partial(gymnasium.make, LABYRINTH)

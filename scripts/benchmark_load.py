@@ -1,29 +1,29 @@
-"""Measure how fast transitions (s, a, s') at 64 x 64 are loaded, beside `datasets` and Pillow.
+"""Measure how fast transitions (s, a, s') at 64 x 64 are loaded, compared with `datasets`.
 
     python scripts/benchmark_load.py [--labyrinths N] [--rounds N] [--quick] [--streams]
     python scripts/benchmark_load.py --against FOLDER [--labyrinths N] [--rounds N] [--quick]
 
-The baseline is what one writes with the library `datasets` alone: a row, whose picture is decoded
-by Pillow and resized by area (`Image.BOX`) to an array. In random order each transition takes two
-rows; in order each row is decoded once and paired with the one before.
+The baseline is a user's code with the library `datasets` alone: the picture of a row is decoded by
+Pillow and resized by area (`Image.BOX`) to an array. In random order each transition reads two
+rows; in order each row is decoded once and paired with the previous one.
 
-Ours are the following, each timed until every transition has been in an array once:
+Our ways are the following, each timed until every transition has been in an array once:
 
     cold      `load_transitions` with an empty cache, and with the process's caches of pictures
               cleared; then all transitions in batches of 64
     warm      batches of 64, copied from the cache into arrays of their own
-    views     one transition at a time, its arrays being views of the cache; a byte of each is read
+    views     one transition at a time, as views of the cache; a byte of each is read
     stream    `stream_transitions`, in order and shuffled
     torch     a `DataLoader` with its own collation, batches of 64 (if torch is installed), whose
               workers are running already; "gathered" lets the dataset make the batches
 
-With `--streams` these are measured alone, beside the streams of `datasets`, in CPU time. With
-`--against` ours are measured alone, beside the same in another tree of the project, such as
-`git worktree add FOLDER COMMIT`: each in a process of its own, whose second call counts.
+`--streams` measures only our streams and those of `datasets`, in CPU time. `--against` compares
+our ways with the same ways in another tree of the project, such as one made by `git worktree add
+FOLDER COMMIT`; each runs in a process of its own, whose second call counts.
 
-In each round everyone is timed once, so that a busy machine slows all of them alike; a ratio is the
-median of the rounds' ratios to the baseline of the same order. The dataset is the split train of
-5x5, built for the run; its files are in the page cache.
+In each round each way is timed once, so that a busy machine slows all of them alike. A ratio is the
+median over rounds of the ratio to the baseline of the same order. The dataset is the split train of
+5x5, built for the benchmark; its files are in the page cache.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ CONFIG = "5x5"
 
 
 def small(row: dict[str, Any]) -> np.ndarray[Any, np.dtype[np.uint8]]:
-    """Return the picture of a row, resized by area."""
+    """Return the picture of a row, resized by area to 64 x 64."""
     from PIL import Image
 
     return np.asarray(row["obs"].resize((SIZE, SIZE), Image.Resampling.BOX))
@@ -162,7 +162,7 @@ def torch_loaders(transitions: Any) -> dict[str, Any]:
     for name, each in loaders.items():
         got = [(int(action.sum()), int(s.sum())) for s, action, _ in each]
         if tuple(map(sum, zip(*got, strict=True))) != (actions, pixels):
-            sys.exit(f"{name}: other transitions than those of the dataset")
+            sys.exit(f"{name}: its transitions differ from the dataset")
     return loaders
 
 
@@ -174,7 +174,7 @@ def epoch(loader: Any) -> int:
 def contestants(
     folder: Path, data_dir: Path, pairs: int
 ) -> dict[str, dict[str, Callable[[], int]]]:
-    """Return what is measured, by order and name; the first of each order is its baseline."""
+    """Return the calls to measure, by order and name; the first of each order is its baseline."""
     from datasets import load_dataset
 
     rows = load_dataset(str(data_dir), CONFIG, split="train", cache_dir=str(folder / "arrow"))
@@ -193,7 +193,7 @@ def contestants(
 
 
 def loads(folder: Path, data_dir: Path) -> tuple[Any, dict[str, Callable[..., int]]]:
-    """Return transitions in a cache, and what is measured of ours besides streams."""
+    """Return cached transitions, and our calls to measure, without the streams."""
     load = partial(load_transitions, data_dir, CONFIG, image_size=SIZE)
     warm = load(cache_dir=folder / "warm")
     return warm, {
@@ -205,7 +205,7 @@ def loads(folder: Path, data_dir: Path) -> tuple[Any, dict[str, Callable[..., in
 
 
 def streams(data_dir: Path, pairs: int) -> dict[str, Callable[[], int]]:
-    """Return the streams by name, those of `datasets` first; "row groups" is after `reshard`."""
+    """Return the streams by name, those of `datasets` first; "row groups" calls `reshard`."""
     from datasets import load_dataset
 
     theirs = partial(load_dataset, str(data_dir), CONFIG, split="train", streaming=True)
@@ -233,7 +233,7 @@ def our_streams(data_dir: Path) -> dict[str, Callable[[], int]]:
 
 
 def measure_one(name: str, data_dir: Path) -> None:
-    """Print the seconds of a call and of its CPU, and the peak memory of this process in MiB."""
+    """Print the wall-clock and CPU seconds of a call, and this process's peak memory in MiB."""
     with tempfile.TemporaryDirectory() as folder:
         if name in our_streams(data_dir):
             call = our_streams(data_dir)[name]
@@ -247,7 +247,7 @@ def measure_one(name: str, data_dir: Path) -> None:
 
 
 def measured_in(tree: Path, name: str, data_dir: Path) -> tuple[float, ...]:
-    """Return what `measure_one` prints in a process that imports another tree."""
+    """Return the numbers that `measure_one` prints in a process that imports another tree."""
     command = [sys.executable, __file__, "--one", name, "--data", str(data_dir)]
     environment = os.environ | {"PYTHONPATH": str(tree)}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
@@ -255,7 +255,7 @@ def measured_in(tree: Path, name: str, data_dir: Path) -> tuple[float, ...]:
 
 
 def against(tree: Path, data_dir: Path, rounds: int) -> None:
-    """Print, for each of ours, how many times as fast it is here as in another tree."""
+    """Print, for each of our ways, how many times as fast it is here as in another tree."""
     print(f"{'':28}{'seconds':>10}{'times':>8}{'range':>14}{'CPU':>8}{'MiB':>8}{'times':>8}")
     names = ["cold, decoded", "cold, drawn", "warm, batches", "warm, views"]
     for name in [*names, *our_streams(data_dir)]:
@@ -275,8 +275,8 @@ def against(tree: Path, data_dir: Path, rounds: int) -> None:
 def main() -> None:
     """Measure and report."""
     parser = parser_of(__doc__, rounds=7)
-    parser.add_argument("--labyrinths", type=positive, default=1_000, help="in the split train")
-    parser.add_argument("--pairs", type=positive, default=200, help="transitions of datasets")
+    parser.add_argument("--labyrinths", type=positive, default=1_000, help="those in train")
+    parser.add_argument("--pairs", type=positive, default=200, help="read with `datasets`")
     parser.add_argument("--streams", action="store_true", help="measure streams alone")
     parser.add_argument("--against", type=Path, help="another tree of the project")
     parser.add_argument("--one", help=argparse.SUPPRESS)

@@ -1,15 +1,15 @@
-"""Measure the driver of a build and its workers apart, and how many workers one driver serves.
+"""Measure the driver and the workers of a build separately, and how many workers a driver serves.
 
     python scripts/benchmark_scale.py
     python scripts/benchmark_scale.py --two 100 --picture docs/pictures/scale.png
 
-A first build, in one process, makes a quarter of a shard of each split, of which a shard takes four
-times the CPU seconds. A second one, with two workers, is of many shards, and is stopped when its
-chunks are drawn. Begun again, its driver does all that it does: it removes repetitions, hands out
-shards, writes table and manifest. But its workers copy the shards of the first build, with other
-ids, so that the driver does not wait. CPU seconds, which other programs on the machine change
-little, are those of `time.process_time` in each process. The cap is the number of workers that one
-driver keeps busy: the workers' seconds a shard, with its chunks, over the driver's.
+A first build, in one process, makes a quarter of a shard of each split; a whole shard is taken to
+cost four times as much. A second build, with two workers and many shards, is stopped once its
+chunks are drawn. When it starts again, its driver does its usual work: it removes duplicates, hands
+out shards, and writes table and manifest. But its workers only copy the shards of the first build,
+with new ids, so that the driver does not wait. All times are CPU seconds of `time.process_time` in
+each process, on which other programs have little influence. The cap is the number of workers that
+one driver keeps busy: the workers' seconds per shard, chunks included, over the driver's.
 """
 
 from __future__ import annotations
@@ -37,41 +37,41 @@ from pipeline.generation.shard import ShardJob, leave, left
 from pipeline.release.canvas import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
-"""Size -> shards a split in the second build; at 5x5 those of a million structures."""
+"""Size -> shards per split in the second build; at 5x5 enough for a million structures."""
 QUARTER = 4
-"""The first build makes one such part of each shard."""
+"""The first build makes one of this many parts of each shard."""
 COLOURS = ((0, 102, 204), (204, 85, 0), (0, 140, 90))
 MANY = 6_000
-"""Shards of the builds that are simulated, so that their number is no limit."""
+"""Shards of simulated builds, large enough that their number is not the limit."""
 
 
 class Measured(NamedTuple):
-    """CPU seconds of one size."""
+    """The CPU seconds of a build of one size."""
 
     size: int
     labyrinths: int
     shards: int
     driver: float
-    """Of the driver, for the whole build."""
+    """The driver's seconds for the whole build."""
     chunks: list[float]
-    """Of a worker, for each chunk, the first one first."""
+    """A worker's seconds for each chunk, the first chunk first."""
     shard: float
-    """Of a worker, for a shard: the mean of the splits."""
+    """A worker's seconds for a shard, averaged over the splits."""
 
     @property
     def of_driver(self) -> float:
-        """The driver's seconds a shard."""
+        """The driver's seconds per shard."""
         return self.driver / self.shards
 
     @property
     def of_workers(self) -> float:
-        """The workers' seconds a shard, with the chunks that its structures come from."""
+        """The workers' seconds per shard, including the chunks that its structures come from."""
         return self.shard + sum(self.chunks) / self.shards
 
 
 @dataclass(frozen=True)
 class Timed:
-    """A function that adds the CPU seconds of each call to a file."""
+    """Wraps a function, and appends the CPU seconds of each call to a file."""
 
     function: Callable[[Any], Any]
     log: Path
@@ -88,7 +88,7 @@ class Timed:
         return [float(line.split()[1]) for line in self.log.read_text().splitlines()]
 
     def busiest(self) -> float:
-        """Return the CPU seconds of all calls in the process that has the most."""
+        """Return the total CPU seconds of the process that spent the most."""
         of_process: dict[str, float] = defaultdict(float)
         for line in self.log.read_text().splitlines():
             process, seconds = line.split()
@@ -97,16 +97,16 @@ class Timed:
 
 
 def stop(_job: ShardJob) -> Shard:
-    """Stand for `make_shard` where no shard is to be made."""
+    """Replace `make_shard` to stop a build before its first shard."""
     raise DatasetError("stopped")
 
 
 @dataclass(frozen=True)
 class Copies:
-    """Stands for `make_shard`: copies a quarter of a shard under the name of another one."""
+    """Replaces `make_shard`: copies a quarter of a shard under the name of another shard."""
 
     building: Path
-    """The folder of the build that it was made in."""
+    """The folder of the build that made the quarter shards."""
 
     def __call__(self, job: ShardJob) -> Shard:
         path = self.building / "shards" / f"{job.split}-00000-of-00001.parquet"
@@ -120,7 +120,7 @@ class Copies:
 
 
 def measure(size: int, folder: Path) -> Measured:
-    """Return the CPU seconds of builds of a size, which are made in a folder."""
+    """Build a size in a folder, as the module describes, and return the CPU seconds."""
     of_shard = build.CELLS_PER_SHARD // size**2
     make_shard, draw_chunk = build.make_shard, build.draw_chunk
 
@@ -128,7 +128,7 @@ def measure(size: int, folder: Path) -> Measured:
         where = {"data_dir": str(folder / name), "size": str(size), "labyrinths": labyrinths}
         return resolve(RunConfig(stages=("build",), random_steps=10, **where | options))
 
-    # As a part, which leaves its shards where they were made, with their facts.
+    # Built as a part, which leaves its shards and their facts in the building folder.
     one = run_of("one", of_shard // QUARTER, part="1/1")
     made = Timed(make_shard, folder / "shards.log")
     build.make_shard = made
@@ -152,10 +152,10 @@ def measure(size: int, folder: Path) -> Measured:
 
 
 def twice_as_fast(size: int, folder: Path) -> float:
-    """Return how many times as fast as one worker two are, each with the driver's CPU seconds.
+    """Return the speed of two workers relative to one, from CPU seconds that include the driver's.
 
-    Two shards a split are built with one worker and with two. A build takes as long as its driver
-    and the worker with most to do, if no other program is in the way.
+    Two shards per split are built with one worker and with two. On an idle machine, a build takes
+    as long as its driver plus its busiest worker.
     """
     make_shard, draw_chunk, times = build.make_shard, build.draw_chunk, []
     for workers in (1, 2):
@@ -183,7 +183,7 @@ def twice_as_fast(size: int, folder: Path) -> float:
 
 
 def makespan(tasks: Sequence[float], workers: int, interval: float = 0.0) -> float:
-    """Return how long workers take for tasks, of which one is given out in each interval."""
+    """Return how long workers take for tasks, one of which is handed out per interval."""
     free = [0.0] * workers
     for number, seconds in enumerate(tasks):
         heapq.heapreplace(free, max(free[0], number * interval) + seconds)
@@ -191,9 +191,9 @@ def makespan(tasks: Sequence[float], workers: int, interval: float = 0.0) -> flo
 
 
 def simulated(measured: Measured, shards: int, workers: int) -> float:
-    """Return how many times as fast as one core some workers and a driver are.
+    """Return the simulated speed of a driver and its workers, relative to one core.
 
-    The chunks are drawn first. The driver then works for all shards at an even rate.
+    The chunks are drawn first. Then the driver hands out the shards at an even rate.
     """
     times = shards / measured.shards
     first, *others = measured.chunks
@@ -204,7 +204,7 @@ def simulated(measured: Measured, shards: int, workers: int) -> float:
 
 
 def draw(results: Sequence[Measured], two: float | None, path: Path) -> None:
-    """Draw the simulated speed for 1 to 1,000 workers, and the measured one of 1 and 2."""
+    """Draw the simulated speed for 1 to 1,000 workers, and the measured speed for 1 and 2."""
     sheet, (left, top, right, bottom) = Sheet(820), (130, 60, 1040, 700)
 
     def at(workers: float, times: float) -> tuple[float, float]:
@@ -243,7 +243,7 @@ def main() -> None:
     """Parse the options, measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--sizes", type=int, nargs="*", choices=SHARDS, default=[*SHARDS])
-    parser.add_argument("--two", type=int, metavar="SIZE", help="size to build with one and two")
+    parser.add_argument("--two", type=int, metavar="SIZE", help="build it with 1 and 2 workers")
     parser.add_argument("--picture", type=Path, help="file for the simulated speeds")
     given = parser.parse_args()
     print(machine("numpy", "pyarrow", "joblib"), flush=True)

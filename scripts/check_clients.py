@@ -1,17 +1,16 @@
-"""Let other libraries read our data with their own code, and compare it with what our loader gives.
+"""Check that other libraries read our data with their own code, and get what our loader returns.
 
     python scripts/check_clients.py --folder clients
     python scripts/check_clients.py --folder clients --only Minari --again
 
-A small dataset is made, exported in all formats, and released on a Hub of this machine. Then each
-client is installed in a virtual environment of its own, and a script of scripts/clients/ reads the
-data there, compares every value, and takes a few steps of learning where the client learns. It is
-printed as a table, which docs/clients.md keeps. What a client's script found is kept in the folder,
-so that an interrupted check goes on; --again does it anew.
+A small dataset is built, exported in all formats, and released on a fake Hub on this machine. Then
+each client is installed in its own virtual environment, where a script of scripts/clients/ reads
+the data, compares every value, and trains for a few steps if the client can train. The results are
+printed as a table, for docs/clients.md. They are also saved in the folder, so that an interrupted
+check continues; --again repeats finished clients.
 
-LeRobot needs a python3.12 on the PATH. Packages come from where pip is told to look for them, by
-its variables and its configuration. They are installed with a constraint on torch, whose
-processor-only build is enough.
+LeRobot needs python3.12 on the PATH. pip installs the packages as its environment variables and its
+configuration say, with a constraint on torch, whose CPU-only build is enough.
 """
 
 from __future__ import annotations
@@ -42,7 +41,7 @@ from labyrinth_core.data.manifest import TABLE  # noqa: E402
 TORCH = "torch==2.13.0"
 CONFIG, SPLITS, FORMATS = "5x5", ("train", "random"), ("minari", "imitation", "lerobot")
 SECONDS = 1800
-"""After so long the installation or the script of a client is given up."""
+"""The time limit of each installation step, and of the script of a client."""
 
 
 @dataclass(frozen=True)
@@ -53,13 +52,13 @@ class Client:
     script: str
     requirements: tuple[str, ...]
     bare: str = ""
-    """What is installed without what it asks for."""
+    """A package to install without its dependencies."""
     stands_in: bool = False
-    """Whether a stand-in takes the place of torchvision."""
+    """Whether a stub replaces torchvision."""
     python: str = sys.executable
-    """The interpreter that it needs, such as `python3.12`."""
+    """The interpreter that the client needs, such as `python3.12`."""
     environment: str = ""
-    """The client in whose environment it runs; by default in its own."""
+    """The client whose environment it shares; by default it has its own."""
 
 
 LEROBOT = Client(
@@ -99,7 +98,7 @@ CLIENTS = (
 
 
 def make(folder: Path, hub: LocalHub) -> None:
-    """Make the dataset, its release, its exports, and what our loader reads of it."""
+    """Make the dataset, its exports, its release, and the reference data from our loader."""
     data, done = folder / "data", folder / "reference" / "done"
     if done.exists():
         return
@@ -129,7 +128,7 @@ def make(folder: Path, hub: LocalHub) -> None:
 
 
 def reference(data: Path, split: str) -> dict[str, Any]:
-    """Return all episodes of a split as our loader gives them, joined."""
+    """Return all episodes of a split, concatenated, as our loader returns them."""
     episodes = list(load_episodes(data, CONFIG, split=split))
     return {
         "observations": np.concatenate([each.observations for each in episodes]),
@@ -141,7 +140,7 @@ def reference(data: Path, split: str) -> dict[str, Any]:
 
 
 def large_pairs(data: Path, split: str) -> dict[str, Any]:
-    """Return all actions of a split, and one in thirty pairs of pictures of 600 x 600 pixels."""
+    """Return all actions of a split, and every 30th pair of pictures of 600 x 600 pixels."""
     actions: list[int] = []
     places, states, next_states = [], [], []
     for episode in load_episodes(data, CONFIG, split=split, image_size=600):
@@ -155,7 +154,7 @@ def large_pairs(data: Path, split: str) -> dict[str, Any]:
 
 
 def check(client: Client, folder: Path, hub: LocalHub) -> dict[str, Any]:
-    """Return what came of a client: its versions and what was compared, or why it failed."""
+    """Install and run a client; return its versions and what it compared, or why it failed."""
     place = folder / "environments" / (client.environment or client.name)
     python = place / "bin" / "python"
     log = (folder / f"{client.name}.log").open("w+", encoding="utf-8")
@@ -204,7 +203,7 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     names = [client.name for client in CLIENTS]
-    parser.add_argument("--folder", type=Path, required=True, help="of all that the check makes")
+    parser.add_argument("--folder", type=Path, required=True, help="for all that the check makes")
     parser.add_argument("--only", nargs="+", choices=names, default=names, help="clients to check")
     parser.add_argument("--again", action="store_true", help="also those that passed before")
     arguments = parser.parse_args()

@@ -1,12 +1,13 @@
-"""Compare what this tree makes with what another commit makes, byte by byte.
+"""Check that this tree and another commit produce the same datasets, loads, weights and results.
 
-    python scripts/corpus.py             # the commit in `BASE`; or python scripts/corpus.py COMMIT
-    python scripts/corpus.py --keep DIR  # leave what both have made in DIR
-    python scripts/corpus.py --compare DIR  # compare that again, and make nothing
+    python scripts/corpus.py             # compare with the commit in `BASE`
+    python scripts/corpus.py COMMIT      # compare with another commit
+    python scripts/corpus.py --keep DIR  # keep the outputs of both in DIR
+    python scripts/corpus.py --compare DIR  # only compare kept outputs again
 
-Datasets are built, loaded, learnt from and evaluated with this environment, in the current tree
-and in a worktree of the other commit, at the same time. The table says of each part whether it is
-the same, or what differs. No hash of a file is committed: another zlib or processor gives others.
+Datasets are built, loaded, trained on and evaluated with this environment, in the current tree and
+in a worktree of the other commit, at the same time. The table says for each part whether it is the
+same, or what differs. No file hash is committed, because hashes depend on zlib and the processor.
 The exit status is 1 if anything differs.
 """
 
@@ -35,10 +36,10 @@ from safetensors.numpy import load_file
 ROOT = Path(__file__).resolve().parents[1]
 
 BASE = "6d6da1f"
-"""The commit that the current tree is compared with if no other is named."""
+"""The commit to compare the current tree with by default."""
 
 TREES = ("current", "base")
-"""The folders of what the two trees have made."""
+"""The folders with the outputs of the two trees."""
 
 DATASETS = {
     "plain": ["size=3"],
@@ -53,10 +54,10 @@ DATASETS = {
     "mended": ["size=3 stages=build", "DAMAGE", "size=3 stages=build"],
     "parts": [*(f"size=5 stages=build part={part}/3" for part in (1, 2, 3)), "size=5"],
 }
-"""Dataset -> the options of the runs that build it. Options in brackets are left out in a tree that
-does not know them; `DAMAGE` stands for a changed byte in a shard and in the table. Dataset `shards`
-has more labyrinths than fit into a shard, and candidates of several chunks; in `long` an episode
-has several row groups."""
+"""Dataset -> the options of the runs that build it. Options in brackets are dropped in a tree that
+does not know them; `DAMAGE` changes a byte in a shard and in the table. Dataset `shards` has more
+labyrinths than fit into a shard, and several chunks of candidates; in `long` an episode spans
+several row groups."""
 
 EVALUATIONS = {
     "planner": "method=planner",
@@ -71,14 +72,14 @@ TRAININGS = {
 """Policy -> the options of its training."""
 
 SHOWN = 5
-"""The most differences of a part that the table names."""
+"""The maximum number of differences that the table names per part."""
 
 
-# Making.
+# Producing the outputs.
 
 
 class Tree:
-    """A tree of the project, and the folder of what it makes."""
+    """A tree of the project, and the folder of its outputs."""
 
     def __init__(self, code: Path, folder: Path) -> None:
         self.code, self.folder = code, folder
@@ -92,10 +93,10 @@ class Tree:
         self.options = self.call("run.py", "--help")
 
     def call(self, script: str | Path, *arguments: str) -> str:
-        """Run a Python script, which the tree has unless its path is absolute; return the output.
+        """Run a Python script of the tree, or one with an absolute path; return its output.
 
         Raises:
-            RuntimeError: It ends with an error.
+            RuntimeError: The script fails.
         """
         command = [sys.executable, str(self.code / script), *arguments]
         done = subprocess.run(
@@ -107,7 +108,7 @@ class Tree:
         return done.stdout
 
     def run(self, options: str) -> None:
-        """Run stages with the options that the tree knows."""
+        """Run stages with those options that the tree knows."""
         named = [
             option.strip("[]")
             for option in shlex.split(options)
@@ -116,7 +117,7 @@ class Tree:
         self.call("run.py", *named, "workers=1")
 
     def make(self) -> None:
-        """Make all parts of the corpus."""
+        """Produce all parts of the corpus."""
         for name, runs in DATASETS.items():
             for options in runs:
                 if options == "DAMAGE":
@@ -139,7 +140,7 @@ class Tree:
             shutil.copy(policy, weights / f"{name}.safetensors")
 
     def _evaluate(self) -> None:
-        """Evaluate policies, and add them to a copy of the tree's board."""
+        """Evaluate policies, and add them to a copy of the tree's leaderboard."""
         shutil.copytree(self.code / "docs/results", self.folder / "work/results")
         shutil.copytree(self.code / "docs/results/released", self.folder / "work/runs")
         places = "size=5 data_dir=data/parts run_dir=work/runs results_dir=work/results threads=1"
@@ -155,7 +156,7 @@ class Tree:
 
 
 def damage(folder: Path) -> None:
-    """Change a byte in the middle of a shard of a dataset, and of its table."""
+    """Change a byte in the middle of a dataset's first shard, and of its table."""
     for path in (next(folder.glob("train-*.parquet")), folder / "labyrinths.parquet"):
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
@@ -164,7 +165,7 @@ def damage(folder: Path) -> None:
 
 @contextmanager
 def worktree(commit: str) -> Iterator[Path]:
-    """Yield the folder of a worktree of a commit, which is removed afterwards."""
+    """Yield the folder of a worktree of a commit, and remove the worktree afterwards."""
     with TemporaryDirectory(prefix="corpus-") as folder:
         code = Path(folder, "base")
         git = ["git", "-C", str(ROOT), "worktree"]
@@ -176,7 +177,7 @@ def worktree(commit: str) -> Iterator[Path]:
 
 
 def make(commit: str, folder: Path) -> None:
-    """Make the corpus with the current tree and with a commit, both at the same time."""
+    """Produce the corpus with the current tree and with a commit, both at the same time."""
     with worktree(commit) as base, ThreadPoolExecutor(2) as threads:
         trees = [Tree(code, folder / name) for code, name in zip((ROOT, base), TREES, strict=True)]
         for made in [threads.submit(tree.make) for tree in trees]:
@@ -187,7 +188,7 @@ def make(commit: str, folder: Path) -> None:
 
 
 def parts(folder: Path) -> dict[str, Callable[[], list[str]]]:
-    """Return the parts of a kept corpus by name, each with the function that compares it."""
+    """Return the parts of a corpus by name, each with a function that lists its differences."""
     both = [folder / name for name in TREES]
     names = sorted({path.name for tree in both for path in tree.glob("data/*")})
     found = {f"data/{name}": True for name in names}
@@ -199,12 +200,12 @@ def parts(folder: Path) -> dict[str, Callable[[], list[str]]]:
 
 
 def differences(current: Path, base: Path, exact: bool) -> list[str]:
-    """Return what differs between two folders or files, in a few words each.
+    """Return a short text for each difference between two folders or files.
 
     Args:
-        current: What the current tree has made.
-        base: What the other commit has made.
-        exact: Whether all bytes have to be the same, or all values in JSON, CSV and safetensors.
+        current: The output of the current tree.
+        base: The output of the other commit.
+        exact: Whether bytes have to be equal, or only the values in JSON, CSV and safetensors.
     """
     first, second = _files(current), _files(base)
     found = [] if first or second else ["neither tree has made it"]
@@ -221,7 +222,7 @@ def differences(current: Path, base: Path, exact: bool) -> list[str]:
 
 
 def _files(path: Path) -> dict[str, Path]:
-    """Return the files of a folder by name, or a file; without the card's text."""
+    """Return the files of a folder by name, without the card's text; or a single file."""
     if path.is_file():
         return {path.name: path}
     inner = (each for each in path.rglob("*") if each.is_file() and each.name != "README.md")
@@ -229,7 +230,7 @@ def _files(path: Path) -> dict[str, Path]:
 
 
 def _content(path: Path) -> bytes:
-    """Return the bytes of a file; of sums, without comments and that of the card."""
+    """Return the bytes of a file; of SHA256SUMS, without comments and the card's line."""
     content = path.read_bytes()
     if path.name == "SHA256SUMS":
         return re.sub(rb"(?m)^(#.*|\w+  README\.md)\n", b"", content)
@@ -237,7 +238,7 @@ def _content(path: Path) -> bytes:
 
 
 def _values_differ(current: Path, base: Path) -> list[str]:
-    """Return which values differ between two files; none if their bytes are to be compared."""
+    """Return which values differ between two files; "other bytes" if only bytes are comparable."""
     read = VALUES.get(current.suffix)
     if read is None:
         return ["other bytes"]
@@ -251,7 +252,7 @@ def _values_differ(current: Path, base: Path) -> list[str]:
 
 
 def _json(path: Path) -> dict[str, Any]:
-    """Return the values in a JSON file by their places in it, such as `splits.test.sr.0`."""
+    """Return the values of a JSON file by their paths in it, such as `splits.test.sr.0`."""
 
     def walk(value: Any, place: str) -> Iterator[tuple[str, Any]]:
         if isinstance(value, dict | list):
@@ -265,7 +266,7 @@ def _json(path: Path) -> dict[str, Any]:
 
 
 def _cells(path: Path) -> dict[str, str]:
-    """Return the cells of a CSV file by the number of the row and the name of the column."""
+    """Return the cells of a CSV file by row number and column name."""
     with path.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     return {
@@ -288,11 +289,11 @@ VALUES: dict[str, Callable[[Path], dict[str, Any]]] = {
     ".csv": _cells,
     ".safetensors": _tensors,
 }
-"""Suffix -> how a file is read, value by value."""
+"""Suffix -> the function that reads a file value by value."""
 
 
 def compare(folder: Path) -> int:
-    """Print a table of the parts of a kept corpus, and return how many differ."""
+    """Print a table of the parts of a corpus, and return how many differ."""
     differing = 0
     for name, differ in parts(folder).items():
         found = differ()
@@ -307,7 +308,7 @@ def main() -> int:
     """Compare the current tree with another commit; return 1 if anything differs."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("base", nargs="?", default=BASE, help=f"commit to compare with ({BASE})")
-    parser.add_argument("--keep", type=Path, help="new folder to leave what was made in")
+    parser.add_argument("--keep", type=Path, help="new folder for the outputs of both")
     parser.add_argument("--compare", type=Path, help="folder of --keep to compare again")
     options = parser.parse_args()
     if options.compare:

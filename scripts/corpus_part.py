@@ -1,6 +1,7 @@
-"""What `corpus.py` runs in each tree: loads as hashes, a dataset in memory, a random policy.
+"""The part of `corpus.py` that runs in each tree: hash loaded data, build a dataset in memory.
 
-It imports the public names of the tree that PYTHONPATH names, so that it runs in any of them:
+It also has the random policy of the evaluations. It imports only public names, of the tree that
+PYTHONPATH names, so that it runs in any tree:
 
     PYTHONPATH=TREE python scripts/corpus_part.py loads loads.json
     PYTHONPATH=TREE python scripts/corpus_part.py memory data/memory
@@ -39,16 +40,16 @@ LOADED = {
     "partial": ("4x6-partial_observability", ("train", "validation", "random")),
     "shifted": ("5x5", ("train", "random", "longer")),
 }
-"""Dataset of the corpus -> its config, and the splits that are loaded in every way."""
+"""Dataset of the corpus -> its config, and the splits to load in every way."""
 
 LONG = {
     "shards": ("20x20", ("train", "s0")),
     "long": ("100x100", ("train", "random")),
 }
-"""The same for datasets of several shards and of episodes longer than a row group."""
+"""The same for datasets with several shards, or with episodes longer than a row group."""
 
 MOVES = pc.field("moves") >= 5
-"""A filter that leaves some labyrinths of every dataset."""
+"""A filter that keeps some labyrinths of every dataset."""
 
 Loads = Iterator[tuple[str, Callable[[], Any]]]
 """The name of a load, and the call that loads."""
@@ -60,17 +61,17 @@ def chance(observations: NDArray[np.uint8], rng: np.random.Generator) -> NDArray
 
 
 def digest(loaded: Any) -> str:
-    """Return the SHA-256 of what a load returned: of its arrays, their types and their shapes."""
+    """Return the SHA-256 of loaded data: of its arrays with their types and shapes."""
     found = hashlib.sha256()
     _add(found, loaded)
     return found.hexdigest()
 
 
 def _add(found: Any, value: Any) -> None:
-    """Add a value to a hash: arrays and texts, and what is made of them."""
+    """Add a value to a hash: an array, a text or a number, or an object that holds these."""
     if isinstance(value, np.ndarray):
         found.update(repr((value.dtype.str, value.shape)).encode())
-        own = value.dtype.kind in "biufSU"  # Of objects, the bytes would be their addresses.
+        own = value.dtype.kind in "biufSU"  # The bytes of an object array are addresses.
         found.update(value.tobytes() if own else repr(value.tolist()).encode())
     elif isinstance(value, str | bool | int | float | np.generic | None):
         found.update(repr(value).encode())
@@ -92,7 +93,7 @@ PUBLIC = (
     *("labyrinth_id", "info", "labyrinth", "position", "terminal", "goal", "next_state", "done"),
     *("demonstrated", "initial", "distance", "routes", "route_starts", "on_demonstration"),
 )
-"""The attributes of episodes, transitions and arrays that are compared."""
+"""The attributes of episodes, transitions and arrays to compare."""
 
 
 def loads(data: Path) -> Loads:
@@ -156,7 +157,7 @@ def _streams(folder: Path, config: str, split: str) -> Loads:
 
 
 def _resumed(stream: Callable[[], Any]) -> list[Any]:
-    """Return the items of the second epoch of a stream that another one resumes."""
+    """Return the items of a stream's second epoch, of which a second stream resumes the rest."""
     first, second = stream(), stream()
     first.set_epoch(1)
     begun = list(islice(iter(first), 20))

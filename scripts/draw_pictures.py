@@ -1,4 +1,4 @@
-"""Draw the pictures of the README: the tasks, moving, and a report.
+"""Draw the pictures of the README: an animation of the tasks, and a screenshot of a report.
 
 python scripts/draw_pictures.py
 """
@@ -42,7 +42,7 @@ def optimal_episode(task: Task, size: int) -> Episode:
 
 
 def draw_tasks() -> None:
-    """Write a moving picture of an optimal episode of each task."""
+    """Write an animated GIF with an optimal episode of each task."""
     episodes = [frames_of(optimal_episode(task, 5), 200) for task in Task]
     (FOLDER / "tasks.gif").write_bytes(gif([beside(*episodes)]))
 

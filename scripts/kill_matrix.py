@@ -4,20 +4,20 @@
     python scripts/kill_matrix.py --kills 30 --executor dask --workers 2
     python scripts/kill_matrix.py --kills 40 --parts 4
 
-A build of 30 shards, whose structures come from five chunks of candidates or more, is forked and
-gets SIGKILL; then the same build is run to its end in the same folder. Half of the kills hit the
-whole process group, as when a machine is switched off, the others only the first process, whose
-workers live on for a moment while the build is run again, and then have to end by themselves. A
-third of the builds replace another dataset. The moment is between two events of an undisturbed
-build: its beginning, each finished shard, its end. A quarter of the kills is aimed before the first
-shard and a quarter after the last. A kill after the end is repeated.
+A build of 30 shards, with at least five chunks of candidate structures, is forked and gets SIGKILL.
+Then the same build runs to its end in the same folder. Half of the kills hit the whole process
+group, like a power cut; the others hit only the first process, whose workers are still alive when
+the build starts again, and have to end by themselves. A third of the builds replace another
+dataset. The moment of a kill lies between two events of an uninterrupted build: its start, each
+finished shard, its end. A quarter of the kills come before the first shard, and a quarter after the
+last. A kill that comes after the end is repeated.
 
-With --parts, as many processes make a part of a build each at the same time. After a random time
-all that have not ended are killed and begun again, until all parts are finished; then a run without
-a part puts them together.
+With --parts N, N processes build one part each at the same time. After a random time, all that are
+still running are killed and started again, until all parts are finished; then a run without a part
+joins them.
 
-The exit status is 1 if a dataset differs in anything from that of an undisturbed build, or if a
-process or something in shared memory is left.
+The exit status is 1 if any dataset differs from that of an uninterrupted build, or if a process or
+shared memory is left behind.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import joblib  # noqa: F401  Before builds are forked off, so that each begins at once.
+import joblib  # noqa: F401  Imported before forking, so that each build starts at once.
 import pyarrow.parquet  # noqa: F401
 
 from pipeline.config.run import Run, RunConfig, resolve
@@ -48,10 +48,10 @@ from pipeline.generation import build
 from pipeline.machinery.executor import cluster
 
 LABYRINTHS, SHARDS = 40, 5
-"""The numbers of labyrinths and of shards of each split."""
+"""The number of labyrinths and of shards in each split."""
 ALL_SHARDS = 6 * SHARDS
 CELLS_PER_CHUNK = 16 * 40, 16 * 20
-"""The cells of the first chunk of candidates and of any other; about 130 candidates are needed."""
+"""The cells of the first and of each later chunk of candidates; about 130 candidates are needed."""
 
 PHASES = (
     "before the first shard",
@@ -63,39 +63,39 @@ IN_PARTS = "while parts were made"
 TOO_LATE = "after the end, not counted"
 
 TIME_TO_END = 10.0
-"""The seconds in which workers have to end after the first process."""
+"""The seconds within which workers have to end after the first process."""
 SHARED = Path("/dev/shm")
 
 
 class Undisturbed(NamedTuple):
-    """The files and the times of a build that is not killed."""
+    """The files and the timing of an uninterrupted build."""
 
     files: dict[str, str]
     """Path -> SHA-256."""
     times: list[float]
-    """The seconds until each number of shards, from 0, was finished; then until the end."""
+    """The seconds until 0, 1, 2, ... shards were finished; then until the end."""
 
 
 @dataclass
 class Found:
-    """What came of the kills."""
+    """The outcome of the kills."""
 
     phases: Counter[str] = field(default_factory=Counter)
-    """Phase in which a build was killed -> how many."""
+    """Phase -> the number of builds that were killed in it."""
     different: int = 0
-    """How many datasets differ from that of an undisturbed build in the end."""
+    """The number of final datasets that differ from that of an uninterrupted build."""
     left: list[str] = field(default_factory=list)
-    """Processes and names in shared memory that were left."""
+    """The processes and the names in shared memory that builds left behind."""
 
 
 @contextmanager
 def started(run: Run, left: list[str]) -> Iterator[int]:
     """Build in a new process group, yield the id of its first process, and end the group.
 
-    What the build leaves behind is added to `left`.
+    Processes and shared memory that the build leaves behind are added to `left`.
     """
     with warnings.catch_warnings():
-        # From Python 3.12 on, about threads of numerical libraries, which are idle.
+        # Python 3.12 and later warn about threads of numerical libraries, which are idle.
         warnings.simplefilter("ignore", DeprecationWarning)
         process = os.fork()
     if not process:
@@ -110,11 +110,11 @@ def started(run: Run, left: list[str]) -> Iterator[int]:
 
 
 def perform(run: Run) -> None:
-    """Build in a forked process, and end the process."""
+    """Build in a forked process, and exit."""
     status = 1
     try:
         os.setpgid(0, 0)
-        # joblib's processes print messages when they are killed; an error of the build comes last.
+        # joblib's processes print messages when killed; an error of the build comes last.
         log = os.open(log_of(run), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
@@ -131,12 +131,12 @@ def perform(run: Run) -> None:
 
 
 def log_of(run: Run) -> Path:
-    """Return the file for the output of a build."""
+    """Return the log file of a build."""
     return Path(f"{run.data_dir}{run.options.part.replace('/', '-of-')}.log")
 
 
 def what_is_left(process: int) -> list[str]:
-    """Return what a build leaves whose first process has ended, and remove it."""
+    """End and remove what a build leaves behind after its first process; return the names."""
     left = []
     until = time.monotonic() + TIME_TO_END
     with suppress(ProcessLookupError):
@@ -149,7 +149,7 @@ def what_is_left(process: int) -> list[str]:
 
 
 def clear_memory(process: int) -> list[str]:
-    """Remove what a process has in shared memory, and return the names."""
+    """Remove the shared memory of a process, and return the names."""
     found = [*SHARED.glob(f"sem.loky-{process}-*"), *SHARED.glob(f"joblib_*_{process}_*")]
     for path in found:
         shutil.rmtree(path) if path.is_dir() else path.unlink()
@@ -166,7 +166,7 @@ def finish(run: Run, left: list[str]) -> None:
 
 
 def hashes(folder: Path) -> dict[str, str]:
-    """Return the SHA-256 of each file below a folder, in which others may be at work."""
+    """Return the SHA-256 of each file below a folder, in which other processes may be writing."""
     try:
         files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
         return {str(p.relative_to(folder)): sha256(p.read_bytes()).hexdigest() for p in files}
@@ -175,12 +175,12 @@ def hashes(folder: Path) -> dict[str, str]:
 
 
 def finished_shards(run: Run) -> int:
-    """Return how many shards a build has finished, as far as its folder tells."""
+    """Return the number of finished shards in the folder of a build."""
     return len(list(run.data_dir.glob(".*.building/*.shard")))
 
 
 def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:
-    """Build twice without a kill: once to see what is made, once to see when."""
+    """Build twice without a kill: once for the files, once for the timing."""
     finish(run, left)
     files = hashes(run.data_dir)
     shutil.rmtree(run.data_dir)
@@ -220,19 +220,19 @@ def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None
     whole_group = rng.random() < 1 / 2
     (os.killpg if whole_group else os.kill)(process, signal.SIGKILL)
     os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
-    if whole_group:  # As if the machine had been switched off: no process clears it.
+    if whole_group:  # Like a power cut, which also clears shared memory.
         clear_memory(process)
 
 
 def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: Found) -> None:
-    """Make the parts of a build at the same time, and kill them until all are finished.
+    """Build all parts at the same time, and kill and restart them until all are finished.
 
     Args:
         run: The build, without a part.
         parts: The number of parts.
-        longest: The longest time between two kills, in seconds.
+        longest: The maximum time between two kills, in seconds.
         rng: The source of the times.
-        found: What came of the kills, which is updated.
+        found: The outcome of the kills, which is updated.
     """
     left = [f"{number + 1}/{parts}" for number in range(parts)]
     while left:
@@ -246,7 +246,7 @@ def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: 
 
 
 def count(run: Run, process: int, left: list[str], found: Found) -> None:
-    """Take a part off those that are left if its process has ended; else count its kill."""
+    """Remove a part from `left` if its process has ended; else count a kill."""
     ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG)
     if ended is None:
         found.phases[IN_PARTS] += 1
@@ -258,7 +258,7 @@ def count(run: Run, process: int, left: list[str], found: Found) -> None:
 
 
 def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
-    """Kill builds in a folder until as many kills as were asked for came before the end."""
+    """Kill builds until the requested number of kills came before the end of a build."""
 
     def run_in(name: str, workers: int, **options: Any) -> Run:
         fixed = {"stages": ["build"], "size": "4", "labyrinths": LABYRINTHS, "workers": workers}
@@ -301,8 +301,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--executor", default="local", help="local or dask")
-    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="to draw from")
-    parser.add_argument("--parts", type=int, default=0, help="of each build; 0 for one process")
+    parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="drawn per build")
+    parser.add_argument("--parts", type=int, default=0, help="parts of each build; 0 for none")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     found = Found()

@@ -1,4 +1,4 @@
-"""What the benchmarks share: options, a dataset, turns on a busy machine, ratios."""
+"""Shared code of the benchmarks: options, timing in turns, ratios and their table."""
 
 from __future__ import annotations
 
@@ -24,20 +24,20 @@ def parser_of(description: str, rounds: int) -> argparse.ArgumentParser:
     """Return a parser with the options `--rounds` and `--quick`."""
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
     parser.add_argument(
-        "--rounds", type=positive, default=rounds, help="rounds; each times everyone once"
+        "--rounds", type=positive, default=rounds, help="rounds; each times everything once"
     )
-    parser.add_argument("--quick", action="store_true", help="little work, for a first look")
+    parser.add_argument("--quick", action="store_true", help="less work, for a quick look")
     return parser
 
 
 def positive(text: str) -> int:
-    """Return a whole number from 1 on.
+    """Return a positive integer.
 
     Raises:
-        ArgumentTypeError: The text is none.
+        ArgumentTypeError: The text is not a positive integer.
     """
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"{text}: give a whole number from 1 on")
+        raise argparse.ArgumentTypeError(f"{text}: give a whole number, 1 or more")
     return int(text)
 
 
@@ -63,7 +63,7 @@ def cpu_seconds(work: Callable[[], object]) -> float:
 def per_second(
     work: Callable[[], int], clock: Callable[[], float] = time.process_time
 ) -> Callable[[], float]:
-    """Return a function that does some work, which returns its amount, and returns the rate."""
+    """Return a function that calls `work`, and returns the count that it returns, per second."""
 
     def rate() -> float:
         start = clock()
@@ -73,7 +73,7 @@ def per_second(
 
 
 def forget() -> None:
-    """Clear every cache of a function of ours, so that the process is like a new one."""
+    """Clear the caches of all our functions, as in a new process."""
     for name, module in list(sys.modules.items()):
         if name.startswith(("labyrinth_core", "pipeline")):
             for value in list(vars(module).values()):
@@ -82,18 +82,18 @@ def forget() -> None:
 
 
 class Cost(NamedTuple):
-    """What a command has cost."""
+    """The cost of a command."""
 
     seconds: float
-    """By the clock."""
+    """Wall-clock time."""
     cpu: float
-    """CPU seconds of the process and of the workers that it has waited for."""
+    """CPU seconds of the process and of the workers that it waited for."""
     memory: int
     """The largest peak resident set among these processes, in MiB."""
 
 
 def run_command(*options: str) -> Cost:
-    """Run `run.py` with options in a process of its own, and return its cost; exit if it fails."""
+    """Run `run.py` with options in a new process, and return its cost; exit if it fails."""
     begun = time.perf_counter()
     process = subprocess.Popen([sys.executable, str(RUN), *options], stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(process.pid, 0)
@@ -107,9 +107,9 @@ def run_command(*options: str) -> Cost:
 def take_turns(
     contestants: Mapping[Name, Callable[[], Result]], rounds: int
 ) -> dict[Name, list[Result]]:
-    """Call every contestant once in each round, and return the results of each.
+    """Call every contestant once in each round; return the results by name.
 
-    They take turns so that a busy machine slows all of them alike. An additional first round, in
+    Contestants take turns so that a busy machine slows all of them alike. An extra first round, in
     which libraries are imported and caches filled, does not count.
     """
     results: dict[Name, list[Result]] = {name: [] for name in contestants}
@@ -120,17 +120,17 @@ def take_turns(
 
 
 def ratio(ours: Sequence[float], theirs: Sequence[float]) -> tuple[str, str]:
-    """Return the median of the rounds' ratios, and their range."""
+    """Return the median and the range of the rounds' ratios."""
     ratios = [a / b for a, b in zip(ours, theirs, strict=True)]
     return f"{median(ratios):,.1f}", f"{min(ratios):,.1f} - {max(ratios):,.1f}"
 
 
 def report(rates: Mapping[str, Sequence[float]], rivals: Mapping[str, str], unit: str) -> None:
-    """Print a table: the median rate of each, and its ratio to that of its rival, with the range.
+    """Print a table of median rates, with the ratios to their rivals and the range of these.
 
     Args:
         rates: Name -> the rate in each round.
-        rivals: Name -> the name of what it is compared with; those that are missing are not.
+        rivals: Name -> the name of its rival; names without a rival get no ratio.
         unit: The heading of the rates.
     """
     print(f"{'':38}{unit:>20}{'times':>12}{'range':>20}")

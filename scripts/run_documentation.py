@@ -1,19 +1,20 @@
-"""Do what the pages say, block by block, each page in a folder of its own, for bash and for zsh.
+"""Run the code blocks of the documentation, each page in its own folder, in bash or zsh.
 
     python scripts/run_documentation.py            # README.md and all guides
     python scripts/run_documentation.py README.md docs/make.md
 
-A folder holds at first what a clone has. Commands run in one of the shells, the pages taking turns,
-and the other shell has to make the same words of each line, so that it would do the same. Programs
-in Python share one interpreter a page. `pip install` is left out. A block fails if it ends with a
-status other than 0, or has a comment, which zsh takes for words where it is typed.
+A folder starts with the files of a clone that pages use. Pages alternate between the shells: a
+page's commands run in one shell, and the other shell has to split each line into the same words, so
+that it would do the same. The Python blocks of a page share one interpreter. `pip install` is
+skipped. A block fails if its exit status is not 0, or if it has a comment, which zsh reads as words
+at the prompt.
 
-A comment in the line before a block says what differs:
+A comment in the line before a block changes how it is run:
 
     <!-- not run: it needs the Hub -->              its words are compared and its options checked
-    <!-- run with: labyrinths=20 seed=0 -->         these options follow those of `run.py`
-    <!-- run beside mine.py: policy = len -->       a file of this one line is there
-    <!-- written to mine.py -->                     the block is this file, and is not run
+    <!-- run with: labyrinths=20 seed=0 -->         these options are appended to those of `run.py`
+    <!-- run beside mine.py: policy = len -->       a file with this one line is written before
+    <!-- written to mine.py -->                     the block is written to this file, and not run
 """
 
 from __future__ import annotations
@@ -43,32 +44,32 @@ from pipeline.config.training import CONF
 
 ROOT = Path(__file__).parents[1]
 CLONE = ("run.py", "scripts", "examples", "constraints.txt")
-"""What pages name of a clone."""
+"""The files of a clone that pages use."""
 SHELLS = {
     "bash": (["bash", "--norc", "-ec"], "command_not_found_handle"),
     "zsh": (["zsh", "-f", "-ec"], "command_not_found_handler"),
 }
-"""How a shell is started, and its function for a command that does not exist."""
+"""Shell -> how it is started, and its function for a command that does not exist."""
 BLOCK = re.compile(r"(?:<!-- (?P<mark>[^>]*) -->\n)?```(?P<kind>sh|python)\n(?P<text>.*?)```", re.S)
 SECONDS = 300
-"""How long a block may take."""
+"""The time limit of a block."""
 
 
 class BlockError(Exception):
-    """A block of a page does not do what it says."""
+    """A block of a page fails."""
 
 
 def guides() -> list[Path]:
-    """Return the README and the pages of the site that lie at the top of docs/, in its order."""
+    """Return the README and the site's pages at the top of docs/, in the order of the site."""
     pages = re.findall(r": ([\w-]+\.md)$", (ROOT / "mkdocs.yml").read_text(), re.MULTILINE)
     return [ROOT / "README.md", *(ROOT / "docs" / each for each in pages if each != "changelog.md")]
 
 
 def shell(name: str, text: str, **options: Any) -> subprocess.CompletedProcess[str]:
-    """Return what came of a text in a shell.
+    """Run a text in a shell, and return the completed process.
 
     Raises:
-        BlockError: The status is not 0; the text has the last lines of the output.
+        BlockError: The exit status is not 0; the message has the last lines of the output.
     """
     start, _ = SHELLS[name]
     done = subprocess.run(
@@ -81,7 +82,7 @@ def shell(name: str, text: str, **options: Any) -> subprocess.CompletedProcess[s
 
 
 def words(name: str, text: str) -> list[list[str]]:
-    """Return the words that a shell makes of each command of a text, of which none is run."""
+    """Return the words into which a shell splits each command of a text, without running any."""
     _, handler = SHELLS[name]
     show = f"PATH=/nowhere\n{handler}() {{ printf '%s\\0' \"$@\" $'\\n' >&2; }}\n"
     with tempfile.TemporaryDirectory() as folder:
@@ -90,7 +91,7 @@ def words(name: str, text: str) -> list[list[str]]:
 
 
 def check_options(command: list[str]) -> None:
-    """Raise an error if the options of a command of ours, the first run of a sweep, are refused."""
+    """Raise an error if `run.py` refuses a command's options; of a sweep, check the first run."""
     if command[:2] == ["python", "run.py"]:
         given = OverridesParser.create().parse_overrides(
             [keep_texts(word) for word in command[2:] if word != "-m"]
@@ -107,12 +108,12 @@ def check_options(command: list[str]) -> None:
 
 
 def run_commands(text: str, mark: str, first: str) -> None:
-    """Do what the commands of a block do, in the current folder."""
+    """Run the commands of a block in the current folder, and compare how the shells read them."""
     if "#" in text:
-        raise BlockError("a comment, which zsh takes for words where it is typed")
+        raise BlockError("the block has a comment, which zsh reads as words at the prompt")
     by_shell = {name: words(name, text.replace("scripts/", "")) for name in SHELLS}
     if by_shell["bash"] != by_shell["zsh"]:
-        raise BlockError(f"the shells make other words of it: {by_shell}")
+        raise BlockError(f"the shells split it into different words: {by_shell}")
     if mark.startswith("not run: "):
         for command in by_shell[first]:
             check_options(command)
@@ -124,7 +125,7 @@ def run_commands(text: str, mark: str, first: str) -> None:
 
 
 def run_program(text: str, mark: str, names: dict[str, Any]) -> None:
-    """Run a program in Python, unless it is only to be compiled."""
+    """Run a Python block; with `not run`, only compile it."""
     program = compile(text, "page", "exec")
     if not mark.startswith("not run: "):
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
@@ -132,7 +133,7 @@ def run_program(text: str, mark: str, names: dict[str, Any]) -> None:
 
 
 def walk(page: Path, first: str) -> tuple[str, bool]:
-    """Do what a page says, and return a line about it, and whether all of it works."""
+    """Run the blocks of a page; return a line to print, and whether all blocks work."""
     started = time.monotonic()
     names: dict[str, Any] = {"__name__": "__main__"}
     blocks = list(BLOCK.finditer(page.read_text(encoding="utf-8")))
@@ -160,12 +161,12 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
 
 
 def main() -> int:
-    """Return the exit status: 1 where a page does not work, which is shown."""
+    """Run the pages; return the exit status, which is 1 if one of them fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("pages", nargs="*", type=Path, help="README.md and all guides by default")
     pages = [page.absolute() for page in parser.parse_args().pages] or guides()
     with tempfile.TemporaryDirectory() as cache:
-        # Programs that a page starts are those of this environment.
+        # Pages run the programs of this environment.
         os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         os.environ |= {"XDG_CACHE_HOME": cache, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
         with ProcessPoolExecutor(2, get_context("spawn")) as pool:

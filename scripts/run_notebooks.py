@@ -1,11 +1,11 @@
-"""Run the notebooks of examples/, each from a clean kernel in an empty folder, and there again.
+"""Run the notebooks of examples/ twice, each in a clean kernel and a folder that starts empty.
 
-    python scripts/run_notebooks.py          # fails where a cell fails, or prints other words
-    python scripts/run_notebooks.py --write  # keeps what the cells print and draw
+    python scripts/run_notebooks.py          # fails if a cell fails, or its text has changed
+    python scripts/run_notebooks.py --write  # saves the outputs in the notebooks
 
-Numbers are not compared: times differ from run to run, and training from machine to machine.
+Numbers are not compared: times differ between runs, and training differs between machines.
 
-Needs the extra `docs`. The kernel is that of this Python.
+Needs the extra `docs`. The kernel uses the Python that runs this script.
 """
 
 from __future__ import annotations
@@ -31,21 +31,21 @@ from traitlets.config import Config
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 SECONDS = 300
-"""How long a cell may take."""
+"""The time limit of a cell."""
 
 
 def run(path: Path, write: bool) -> tuple[str, bool]:
-    """Run a notebook, and return a line about it, and whether all cells work.
+    """Run a notebook twice; return a line to print, and whether all cells work.
 
     Args:
         path: The notebook.
-        write: Keep what its cells print and draw in its file.
+        write: Whether to save the outputs in the notebook.
     """
     started = time.monotonic()
     notebook = nbformat.read(path, 4)
     kept, again = deepcopy(notebook), deepcopy(notebook)
     with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as sockets:
-        # Two kernels that start at once can choose the same TCP port: one dies, or never answers.
+        # Kernels that start at the same time can choose the same TCP port; then one dies or hangs.
         transport = {"transport": "ipc", "ip": f"{sockets}/kernel"}
         for each in (notebook, again):
             client = NotebookClient(
@@ -63,18 +63,18 @@ def run(path: Path, write: bool) -> tuple[str, bool]:
     if write:
         nbformat.write(notebook, path)
     elif stale := [*map(str, changed(kept, notebook))]:
-        return f"{path.name}: cells {', '.join(stale)} print other words: --write keeps them", False
+        return f"{path.name}: the text of cells {', '.join(stale)} has changed: use --write", False
     return f"{path.name}: ran in {time.monotonic() - started:.0f} s", True
 
 
 def drop_overwritten(notebook: Any) -> None:
-    """Drop what the cells of a notebook print and a terminal writes over, such as progress."""
+    """Remove output that a terminal would overwrite, such as progress bars, from a notebook."""
     for cell in notebook.cells:
         joined: list[Any] = []
         for each in cell.get("outputs", ()):
             is_text = each.output_type == "stream"
             if is_text and joined and joined[-1].get("name") == each.name:
-                joined[-1].text += each.text  # What a program prints comes in pieces.
+                joined[-1].text += each.text  # The output of a program arrives in pieces.
             else:
                 joined.append(each)
         for each in joined:
@@ -85,7 +85,7 @@ def drop_overwritten(notebook: Any) -> None:
 
 
 def changed(kept: Any, now: Any) -> Iterator[int]:
-    """Yield the number of each cell of a notebook that prints other words than are kept."""
+    """Yield the number of each cell whose output differs from the saved one, except in numbers."""
     for number, cells in enumerate(zip(kept.cells, now.cells, strict=True)):
         before, after = (
             "".join(str(each.get("text", "")) for each in cell.get("outputs", ())) for cell in cells
@@ -95,14 +95,14 @@ def changed(kept: Any, now: Any) -> Iterator[int]:
 
 
 def main() -> int:
-    """Return the exit status: 1 where a cell fails, which is shown."""
+    """Run all notebooks; return the exit status, which is 1 if one of them fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true", help="keep the outputs in the notebooks")
+    parser.add_argument("--write", action="store_true", help="save the outputs in the notebooks")
     options = parser.parse_args()
-    # Programs that cells start are those of this environment.
+    # Cells run the programs of this environment.
     os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
-    # It draws bars only for what its cache does not hold yet.
+    # `datasets` draws bars only for data that is not in its cache yet.
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
     paths = sorted(EXAMPLES.glob("*.ipynb"))
     works = True

@@ -1,4 +1,4 @@
-"""A hook of MkDocs: the pages of the site that are made of other files, and their links.
+"""MkDocs hooks: add pages made from other files, rewrite links, and check the finished site.
 
 `mkdocs build --strict` calls the functions below; see mkdocs.yml.
 """
@@ -33,10 +33,10 @@ ROOT_PAGES = {"changelog.md": "CHANGELOG.md", "contributing.md": "CONTRIBUTING.m
 """Page of the site -> the file at the top of the repository that it shows."""
 
 LOGS = ("measurements/", "results/")
-"""Folders of pages that a search leaves out: what benchmarks and evaluations printed."""
+"""Folders of pages that are not searchable: the output of benchmarks and evaluations."""
 
 NO_ALTERNATIVE = "No description has been provided for this image"
-"""What nbconvert has for every picture."""
+"""The alt text that nbconvert gives every picture."""
 
 
 @event_priority(100)  # Before the plugins that look at files.
@@ -52,7 +52,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
-    """Return the text of a page with links resolved and marks filled in."""
+    """Return the text of a page with links resolved and placeholders replaced."""
     source = page.file.src_uri
     if source.startswith(LOGS):
         page.meta["search"] = {"exclude": True}
@@ -64,7 +64,7 @@ def on_page_markdown(markdown: str, *, page: Any, **_: Any) -> str:
 
 
 def on_page_content(html: str, *, page: Any, **_: Any) -> str:
-    """Return the body of a page, a notebook's links to the documentation resolved."""
+    """Return the body of a page; in notebooks, resolve links to pages and add alt texts."""
     if page.file.src_uri.endswith(".ipynb"):
         html = re.sub(r'href="\.\./docs/([\w/-]+)\.md', r'href="../\1.html', html)
         for words in alternatives(ROOT / page.file.src_uri):
@@ -73,7 +73,7 @@ def on_page_content(html: str, *, page: Any, **_: Any) -> str:
 
 
 def alternatives(notebook: Path) -> Iterator[str]:
-    """Yield what stands for each picture of a notebook, in words; nbconvert leaves that out."""
+    """Yield the alt text of each picture of a notebook, which nbconvert drops."""
     for cell in json.loads(notebook.read_text(encoding="utf-8"))["cells"]:
         for output in cell.get("outputs", ()):
             if "image/png" in output.get("data", {}):
@@ -81,7 +81,7 @@ def alternatives(notebook: Path) -> Iterator[str]:
 
 
 def _filled(mark: re.Match[str]) -> str:
-    """Return what takes the place of a mark in a page."""
+    """Return the text that replaces a placeholder in a page."""
     kind, of = mark.groups()
     if kind == "modules":
         return "\n\n".join(
@@ -92,7 +92,7 @@ def _filled(mark: re.Match[str]) -> str:
 
 
 def modules(package: str) -> Iterator[str]:
-    """Yield the names of a package's modules that say what they are."""
+    """Yield the names of a package's public modules."""
     folder = ROOT / package.replace(".", "/")
     for module in pkgutil.iter_modules([str(folder)]):
         if not module.name.startswith("_"):
@@ -100,7 +100,7 @@ def modules(package: str) -> Iterator[str]:
 
 
 def helps(program: str) -> Iterator[str]:
-    """Yield the texts of a program's `--help`, and of those of its commands."""
+    """Yield the `--help` text of a program, and of each of its commands."""
     if program == "labyrinth-datasets":
         command = [sys.executable, str(ROOT / "run.py"), "--help"]
         yield subprocess.run(command, check=True, capture_output=True, text=True, cwd=ROOT).stdout
@@ -114,11 +114,11 @@ def helps(program: str) -> Iterator[str]:
 
 
 def on_post_build(config: MkDocsConfig) -> None:
-    """Check names of the library, alternatives of pictures, and links.
+    """Check the reference, the alt texts of pictures, and the links.
 
     Raises:
-        PluginError: A public name has no entry, a picture no alternative in words, or a link leads
-            to no file of the site; the text names all.
+        PluginError: A public name has no entry, a picture has no alt text, or a link is broken;
+            the message lists all of them.
     """
     site = Path(config.site_dir)
     missing = public_names() - entries(site / "objects.inv")
@@ -131,21 +131,21 @@ def on_post_build(config: MkDocsConfig) -> None:
             if NO_ALTERNATIVE in image or not re.search(r'alt="[^"]', image)
         ]
         problems += [
-            f"{page.relative_to(site)}: {link} is no page" for link in dead_links(page, html)
+            f"{page.relative_to(site)}: broken link {link}" for link in dead_links(page, html)
         ]
     if problems:
         raise PluginError("; ".join(problems))
 
 
 def dead_links(page: Path, html: str) -> Iterator[str]:
-    """Yield the links of a page that lead to no file beside it; MkDocs leaves some out."""
+    """Yield the broken relative links of a page; MkDocs does not check all of them."""
     for link in re.findall(r'<(?:a|img|link|script) [^>]*?(?:href|src)="?([^">#?\s]+)', html):
         if not re.match(r"[a-z]+:|/", link) and not (page.parent / unquote(link)).exists():
             yield link
 
 
 def public_names() -> set[str]:
-    """Return the dotted names of all that the library offers: functions, classes, its own names."""
+    """Return the dotted names of all public functions and classes, and of `__all__`."""
     names = {f"labyrinth_core.{name}" for name in labyrinth_core.__all__}
     for path in (ROOT / "labyrinth_core").glob("*/*.py"):
         module = ".".join(path.relative_to(ROOT).with_suffix("").parts)
@@ -159,9 +159,9 @@ def public_names() -> set[str]:
 
 
 def entries(inventory: Path) -> set[str]:
-    """Return the names in the list of objects that a site leaves for others to link to.
+    """Return the names in the site's inventory of objects, to which other sites can link.
 
-    Its format is that of Sphinx: four lines of text, then lines compressed by zlib.
+    The format is that of Sphinx: four lines of text, then lines compressed by zlib.
     """
     compressed = inventory.read_bytes().split(b"\n", 4)[4]
     return {line.split(" ", 1)[0] for line in zlib.decompress(compressed).decode().splitlines()}

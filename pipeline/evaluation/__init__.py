@@ -1,1 +1,1 @@
-"""The stage `evaluate`: what a policy achieves, that of a run or any other."""
+"""The stage `evaluate`: evaluates the policy of a run, or any other policy."""

@@ -1,7 +1,7 @@
-"""The stage `evaluate`: what a policy achieves, printed and kept as `results.json`.
+"""The stage `evaluate`: evaluate a policy, print its results and write them to `results.json`.
 
-The policy is that of a run, or any other that `policy=` names. The file lies in the folder of the
-run, or in `<run_dir>/<config>/<name>`. Nothing is selected or learnt here.
+The policy is the one of a run, whose folder gets the file, or any policy named by `policy=`, which
+gets the folder `<run_dir>/<config>/<name>`. Nothing is selected or trained here.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 
 ATTEMPTS = "attempts"
-"""The folder of moving pictures, in that of the results."""
+"""The folder of animated GIFs, inside the folder of the results."""
 
 
 def run(run: Run) -> None:
     """Evaluate the policy of a run, or the one that `policy` names.
 
     Raises:
-        ConfigError: There is no such policy or device, or an option is impossible.
-        DatasetError: There is no finished run, it was trained on another dataset than the one that
-            exists now, or a dataset or a split is missing.
-        PolicyError: The policy raises an error, or answers with anything but actions.
+        ConfigError: The policy or the device does not exist, or an option is not allowed.
+        DatasetError: The run is not finished, the dataset has changed since it was trained, or a
+            dataset or a split is missing.
+        PolicyError: The policy raises an error, or returns anything but actions.
     """
     if run.options.policy:
         judged = judge_named(run)
@@ -45,7 +45,7 @@ def run(run: Run) -> None:
     if run.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
         written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
-        say(f"{folder} has {written} moving pictures.")
+        say(f"{folder} has {written} animated GIFs.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():
         say_once(part)
@@ -53,10 +53,9 @@ def run(run: Run) -> None:
 
 
 def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
-    """Write moving pictures of episodes in test, or in the first split that was evaluated.
+    """Write GIFs of `count` episodes in test, or in the first split evaluated; unsolved ones first.
 
-    They show the first labyrinths that were not solved, then the first that were, each beside an
-    optimal episode in the same labyrinth.
+    Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
     splits = judged.results.splits
     split = "test" if "test" in splits else next(iter(splits))

@@ -1,6 +1,6 @@
-"""Policies by name, `policy=...`: `module:name` in Python, or one that was published.
+"""Evaluate the policy named by `policy=...`: a Python object `module:name`, or a published policy.
 
-Torch is not imported here, as a policy of one's own may not need it.
+This module does not import torch, which a user's own policy may not need.
 """
 
 from __future__ import annotations
@@ -32,46 +32,45 @@ INSTEAD = "choose another evaluation.name"
 
 
 class Judged(NamedTuple):
-    """A policy, and what it achieves."""
+    """A policy and its results."""
 
     about: Description
     player: Player
-    """The policy, as it is asked."""
+    """The policy, wrapped for evaluation."""
     load: Callable[..., LabyrinthArrays]
-    """Returns the labyrinths of a split, as the policy observes them."""
+    """Returns the labyrinths of a split with the policy's observation."""
     results: Results
     path: Path
-    """Where the results are kept."""
+    """The file for the results."""
     key: Key
-    """What the folder of the results is of: a run, or a policy."""
+    """Identifies the run or the policy that the folder of the results belongs to."""
 
 
 def judge_named(run: Run) -> Judged:
-    """Return what the policy achieves that `policy` names.
+    """Evaluate the policy that the option `policy` names, and return its results.
 
     Raises:
-        ConfigError: There is no such policy, or an option is impossible.
+        ConfigError: The policy does not exist, or an option is not allowed.
         DatasetError: The policy or the dataset cannot be read, or a split is missing.
-        PolicyError: The policy raises an error, answers with anything but actions, or cannot be
-            shown these labyrinths.
+        PolicyError: The policy fails, returns no actions, or does not support these labyrinths.
     """
     options, asked = run.options, run.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / run.dataset.name
     path = runs / _as_file_name(name) / RESULTS
-    if not asked.name and path.with_name(RECORD).exists():  # A run has results of its own there.
+    if not asked.name and path.with_name(RECORD).exists():  # A run keeps its own results there.
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / RESULTS
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
     key = {"policy": name}
     require_free(path, key, run)
-    config = manifest_of(run).config  # Says how the dataset is made, if there is none.
+    config = manifest_of(run).config  # Its error says how to make a dataset that is missing.
     policy = named_policy(options.policy)
-    # The option's default says nothing: a policy may look at something else.
+    # "image" is the option's default, so it does not say what the policy observes.
     observation = None if options.observation == "image" else options.observation
     try:
-        about = _description(name, asked)  # First, as the evaluation may take long.
+        about = _description(name, asked)  # Checked first, as the evaluation may take long.
         policy, spec = fitted(
             policy,
             config.height,
@@ -103,7 +102,7 @@ def judge_named(run: Run) -> Judged:
 
 
 def require_free(path: Path, key: Key, run: Run) -> None:
-    """Raise DatasetError if results could not be kept at a path."""
+    """Raise a DatasetError if results may not be written to `path`."""
     Sums.read(path.parent).require_free({path.name: b""}, key, run.options.overwrite, INSTEAD)
 
 
@@ -115,21 +114,20 @@ def _description(name: str, asked: EvaluationOptions) -> Description:
 
 
 def _as_file_name(name: str) -> str:
-    """Return a name without what file systems and shells do not like."""
+    """Return a name that is safe in file systems and shells."""
     return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "policy"
 
 
 def named_policy(name: str) -> Any:
-    """Return the policy that a name stands for.
+    """Load a policy by its name.
 
     Args:
-        name: `module:name`, a policy in a module of the working directory or an installed one, or
-            a class or a function without arguments that makes one; the folder of a run or of a
-            published policy; or an id on the Hub such as `user/planner-5x5` or
-            `user/planner-5x5@1.0.0`.
+        name: `module:name` in an installed module or the working directory, which is a policy, or a
+            class or function without arguments that makes one; the folder of a run or of a
+            published policy; an id on the Hub, as `user/planner-5x5` or `user/planner-5x5@1.0.0`.
 
     Raises:
-        ConfigError: There is no such module or name, or a folder is given with a revision.
+        ConfigError: The module or the name does not exist, or a folder is given with a revision.
         DatasetError: The policy of a run, or a published one, cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
@@ -144,7 +142,7 @@ def named_policy(name: str) -> Any:
         return load_policy(source, revision=revision or None)
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
-    if here not in sys.path:  # As for `python -m`; the installed command has its own folder there.
+    if here not in sys.path:  # As with `python -m`; the installed command lacks this folder.
         sys.path.insert(0, here)
     found: Any = _imported(name, module)
     for part in attribute.split("."):
@@ -168,7 +166,7 @@ def _imported(name: str, module: str) -> Any:
 
 
 def _makes_one(found: Any) -> bool:
-    """Return whether something is not a policy itself, but called without arguments makes one."""
+    """Return whether an object is a class or a function without arguments that makes a policy."""
     if inspect.isclass(found):
         return True
     if not inspect.isroutine(found):

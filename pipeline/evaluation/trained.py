@@ -1,4 +1,4 @@
-"""The policy of a run, judged on all splits but `random`: of its own dataset, or of another one."""
+"""Evaluate the policy of a run on all splits but `random`, of its own dataset or another one."""
 
 from __future__ import annotations
 
@@ -30,14 +30,13 @@ from pipeline.training.train import choose_device, loader_of, spec_of
 
 
 def judge_trained(run: Run) -> Judged:
-    """Return what the policy of a run achieves, on its own dataset or on `evaluate_on`.
+    """Evaluate the policy of a run on its own dataset or on `evaluate_on`; return its results.
 
     Raises:
-        ConfigError: There is no such device, a folder is given with a revision, or the policy
-            cannot see the labyrinths of `evaluate_on`.
-        DatasetError: There is no finished run, it was trained with another setting than one that is
-            given, or on another dataset than the one that exists now, or a dataset or a split is
-            missing.
+        ConfigError: The device does not exist, a folder is given with a revision, or the policy
+            does not support the labyrinths of `evaluate_on`.
+        DatasetError: The run is not finished, it was trained with other settings than the given
+            ones, its dataset has changed since, or a dataset or a split is missing.
     """
     folder, options = run.training_folder, run.options
     record = read_record(folder)
@@ -58,7 +57,7 @@ def judge_trained(run: Run) -> Judged:
         raise DatasetError(
             f"{folder} was trained on another dataset than {run.source}: their fingerprints "
             f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
-            f"{config.name} evaluates it there all the same"
+            f"{config.name} evaluates it on that dataset anyway"
         )
     path = folder / RESULTS
     if judged_on is not run:
@@ -82,7 +81,7 @@ def judge_trained(run: Run) -> Judged:
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
         rates = (f"{split} {figures['sr']:.0%}" for split, figures in as_tried.items())
-        say(f"As the code of protocol={options.protocol} tries a policy: {', '.join(rates)}")
+        say(f"Evaluated as in the code of protocol={options.protocol}: {', '.join(rates)}")
     made = TrainedRun(
         **asdict(run.run_name),
         settings=about["settings"],
@@ -117,11 +116,11 @@ def judge_trained(run: Run) -> Judged:
 
 
 def elsewhere(run: Run) -> Run:
-    """Return the run with the dataset of `evaluate_on` in place of the one that it was trained on.
+    """Return a copy of the run with `evaluate_on` as its dataset.
 
     Raises:
-        ConfigError: The policy sees vectors, which have another meaning there.
-        DatasetError: There is no such dataset.
+        ConfigError: The policy observes vectors, which have another meaning in that dataset.
+        DatasetError: The dataset does not exist.
     """
     source, _, name = run.options.evaluate_on.rpartition("/")
     config, trained_on = Manifest.read(locate(source, name, [])).config, run.dataset
@@ -131,17 +130,17 @@ def elsewhere(run: Run) -> Run:
 
     check(
         run.options.observation != "vector" or vectors(config) == vectors(trained_on),
-        f"evaluate_on={run.options.evaluate_on}: observation=vector has other vectors at {name} "
-        f"than at {trained_on.name}, where the policy was trained",
+        f"evaluate_on={run.options.evaluate_on}: the policy observes vectors of {trained_on.name}, "
+        f"which have another format than those of {name}",
     )
     options = replace(run.options, dataset=source, revision=None, train_labyrinths=None)
     return replace(run, options=options, dataset=config)
 
 
 def learnt_from(run: Run, fingerprint: str, config: DatasetConfig) -> LabyrinthArrays | None:
-    """Return the labyrinths that a policy learnt from; None if they are not available.
+    """Return the labyrinths that the policy learnt from; None if they are unavailable.
 
-    None, too, if those of `config` have another size or task, where nothing can be remembered.
+    Also None if `config` differs in size or task, so that nothing could be remembered.
     """
     trained_on = run.dataset
     for name in ("height", "width", "task"):

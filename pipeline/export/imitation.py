@@ -1,8 +1,8 @@
-"""Trajectories for the library imitation: a Hugging Face dataset with a row for each episode.
+"""Export for the library imitation: a Hugging Face dataset with one row per episode.
 
 The columns are those of `imitation.data.huggingface_utils` of https://pypi.org/project/imitation/,
 1.0.1, whose `imitation.data.serialize.load` reads the folder. The library itself writes pictures as
-lists of numbers, which it reads back slowly and as int64; it reads PNG files as uint8.
+lists of numbers, which it reads back slowly, as int64. We write PNG files, which it reads as uint8.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
-    """Write a split into an empty folder, as `Dataset.save_to_disk` does, with a file per part."""
+    """Write a split into an empty folder like `Dataset.save_to_disk`, with one file per part."""
     import pyarrow as pa
 
     schema = _schema()
@@ -61,8 +61,8 @@ _FEATURES = {
     "terminal": {"dtype": "bool", "_type": "Value"},
     "rews": _list_of("float32"),
 }
-"""The columns, as `datasets` describes them. Its versions before 4 know lists as `Sequence` alone;
-later ones read that, but write `List`."""
+"""The columns as `datasets` describes them. Its versions before 4 know lists only as `Sequence`;
+later versions read `Sequence`, but write `List`."""
 
 
 def _schema() -> pa.Schema:
@@ -83,7 +83,7 @@ def _schema() -> pa.Schema:
 
 
 def _rows(split: Split) -> Iterator[tuple[int, dict[str, Any]]]:
-    """Yield the row of each episode, after the bytes of its pictures."""
+    """Yield, for each episode, the bytes of its pictures and its row."""
     for episode in split.episodes():
         pictures = [png_value(picture) for picture in episode.observations]
         yield (
@@ -91,7 +91,7 @@ def _rows(split: Split) -> Iterator[tuple[int, dict[str, Any]]]:
             {
                 "obs": pictures,
                 "acts": episode.actions,
-                # The labyrinth is in the info of the first step.
+                # Only the info of the first step holds the labyrinth.
                 "infos": [json.dumps({"labyrinth": episode.info}), *["{}"] * (len(episode) - 1)],
                 "terminal": episode.terminated,
                 "rews": episode.rewards,

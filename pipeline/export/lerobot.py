@@ -1,11 +1,11 @@
-"""LeRobot datasets of version 3.0, written in the layout that the library documents.
+"""Export as LeRobot datasets of version 3.0, written in the layout that the library documents.
 
-The library itself cannot be installed beside ours, as it asks for older versions of torch and
+The library itself cannot be installed with ours, because it needs older versions of torch and
 `datasets`. Layout, columns and types are those of `lerobot.datasets.lerobot_dataset` and
 `lerobot.datasets.utils` of https://pypi.org/project/lerobot/, 0.4.4; see also
 https://huggingface.co/docs/lerobot/lerobot-dataset-v3.
 
-Each state is a frame, also the last of an episode, whose action is -1 and whose reward is 0.
+Each state is a frame, including the last one of an episode, which has action -1 and reward 0.
 Pictures are PNG files within Parquet; there is no video.
 """
 
@@ -36,17 +36,17 @@ EPISODES = "meta/episodes/chunk-000/file-000.parquet"
 DATA = "data/chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
 
 FPS = 10
-"""Frames a second, which the format asks for; at that rate the environment shows them, too."""
+"""Frames per second, which the format requires; the environment renders at the same rate."""
 
 CHUNK_FILES, FILE_MB, VIDEO_MB = 1000, 100, 200
-"""The files of a folder, and the most megabytes of a file, as LeRobot has them."""
+"""LeRobot's defaults: files per folder, and the maximum megabytes of a data and a video file."""
 
 
 def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     """Write a split into an empty folder.
 
     Raises:
-        DatasetError: The table of labyrinths does not fit the episodes.
+        DatasetError: The table of labyrinths does not match the episodes.
     """
     import pandas as pd
     import pyarrow as pa
@@ -75,18 +75,18 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
 def _frames_and_rows(
     split: Split, sums: dict[str, Sums]
 ) -> Iterator[tuple[int, tuple[dict[str, Any], dict[str, Any]]]]:
-    """Yield each episode: the bytes of its pictures, then its frames and its row in the table.
+    """Yield, for each episode, the bytes of its pictures, and its frames with its row in the table.
 
-    Each episode is added to the sums.
+    Each episode is also added to `sums`.
     """
     first = 0
     task = str(split.manifest.config.task)
-    labyrinths = chain(_labyrinths(split), repeat({"labyrinth_id": ""}))  # It may be too short.
+    labyrinths = chain(_labyrinths(split), repeat({"labyrinth_id": ""}))  # The table may be short.
     pairs = zip(split.episodes(), labyrinths, strict=False)
     for number, (episode, labyrinth) in enumerate(pairs):
         if labyrinth["labyrinth_id"] != f"{episode.labyrinth_id:016x}":
             raise DatasetError(
-                f"split={split.name}: the table of labyrinths is not of its episodes"
+                f"split={split.name}: the table of labyrinths does not match its episodes"
             )
         frames = _frames(episode, number, first)
         own = {name: _sums(each) for name, each in (frames | {IMAGE: episode.observations}).items()}
@@ -125,12 +125,12 @@ def _labyrinths(split: Split) -> Iterator[dict[str, Any]]:
 
 
 def _frames(episode: LoadedEpisode, number: int, first: int) -> dict[str, Any]:
-    """Return the columns of the frames of an episode, but for the pictures.
+    """Return the columns of an episode's frames, except the pictures.
 
     Args:
         episode: The episode.
-        number: The number of the episode.
-        first: The number of its first frame.
+        number: The index of the episode.
+        first: The index of its first frame in the dataset.
     """
     steps = np.arange(len(episode) + 1)
     done = steps >= len(episode) - 1
@@ -148,7 +148,7 @@ def _frames(episode: LoadedEpisode, number: int, first: int) -> dict[str, Any]:
 
 
 def _joined(frames: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
-    """Return the frames of some episodes as a table."""
+    """Return the frames of several episodes as one table."""
     import pyarrow as pa
 
     pictures = [picture for each in frames for picture in each[IMAGE]]
@@ -160,7 +160,7 @@ def _joined(frames: list[dict[str, Any]], schema: pa.Schema) -> pa.Table:
 
 
 def _info(split: Split) -> dict[str, Any]:
-    """Return what LeRobot has to know of a dataset: its counts, files, and columns of frames."""
+    """Return LeRobot's metadata of a dataset: its counts, files, and the columns of its frames."""
     size = split.image_size
     picture = {
         "dtype": "image",
@@ -198,7 +198,7 @@ _SCALARS = {
     "index": "int64",
     "task_index": "int64",
 }
-"""Column of the frames -> its type, but for the pictures."""
+"""Column of the frames -> its type, except the pictures."""
 
 
 def _frame_schema() -> pa.Schema:
@@ -210,10 +210,10 @@ def _frame_schema() -> pa.Schema:
 
 
 def _episode_schema() -> pa.Schema:
-    """Return the Arrow schema of the table of episodes, with the columns of our own table.
+    """Return the Arrow schema of the table of episodes, including our table's columns.
 
-    LeRobot appends episodes in files of their own, with statistics and without our columns; it
-    reads them together only if the first file has all columns.
+    LeRobot appends episodes in files of their own, with statistics and without our columns; it can
+    read all files together only if the first one has all columns.
     """
     import pyarrow as pa
 
@@ -241,22 +241,22 @@ def _episode_schema() -> pa.Schema:
 
 
 Sums = NDArray[np.float64]
-"""Of a column, for each channel: its frames, values, their sum and that of their squares, and for
-each of `PERCENTS` the quantile times the frames; then the least and the largest value, (11, C)."""
+"""For a column with C channels, shape (11, C): numbers of frames and of values, the sums of values
+and of squares, for each of `PERCENTS` the quantile times the frames, the minimum, the maximum."""
 
 PERCENTS = (1, 10, 50, 90, 99)
 
 STATISTICS = ("min", "max", "mean", "std", *(f"q{percent:02d}" for percent in PERCENTS))
-"""The statistics by which LeRobot's policies normalise what they see, without the count of frames.
+"""The statistics with which LeRobot's policies normalise their inputs, except the number of frames.
 
-They are those of `lerobot.datasets.compute_stats`, but of all frames instead of some; of pictures
-for each channel, brightness from 0 to 1. The standard deviation has ddof 0. A quantile of several
-episodes is, as there, the mean of theirs, weighted by their frames.
+They are computed as in `lerobot.datasets.compute_stats`, but from all frames instead of a sample;
+for pictures per channel, with brightness from 0 to 1. The standard deviation has ddof 0. As there,
+a quantile of several episodes is the mean of their quantiles, weighted by their frames.
 """
 
 
 def _sums(column: NDArray[Any]) -> Sums:
-    """Return the sums of some frames: pictures uint8 (N, height, width, 3), or numbers (N,)."""
+    """Return the sums of N frames: pictures uint8 (N, height, width, 3), or numbers (N,)."""
     levels, counts = _counted(column)
     occurs, values, below = counts > 0, counts.sum(1), counts.cumsum(1)
     quantiles = [
@@ -277,13 +277,13 @@ def _sums(column: NDArray[Any]) -> Sums:
 
 
 def _added(one: Sums, other: Sums) -> Sums:
-    """Return the sums of the frames of both."""
+    """Return the combined sums."""
     least, largest = np.minimum(one[-2], other[-2]), np.maximum(one[-1], other[-1])
     return np.array([*(one[:-2] + other[:-2]), least, largest])
 
 
 def _statistics(sums: Mapping[str, Sums]) -> dict[str, dict[str, list[Any]]]:
-    """Return the statistics of each column: those of pictures (3, 1, 1), of numbers (1,)."""
+    """Return the statistics of each column, of shape (3, 1, 1) for pictures, (1,) for numbers."""
     found = {}
     for name, (frames, count, total, squares, *quantiles, least, largest) in sums.items():
         mean = total / count
@@ -297,7 +297,7 @@ def _statistics(sums: Mapping[str, Sums]) -> dict[str, dict[str, list[Any]]]:
 
 
 def _counted(column: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Return the values that there may be, ascending (V,), and how often each occurs, (C, V)."""
+    """Return the V possible values, ascending (V,), and how often each occurs, (C, V)."""
     if column.ndim == 4:
         channels = [np.bincount(column[..., each].ravel(), minlength=256) for each in range(3)]
         return np.arange(256) / 255, np.array(channels)

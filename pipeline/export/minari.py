@@ -1,7 +1,7 @@
-"""Minari datasets (https://minari.farama.org), written by the library itself.
+"""Export as Minari datasets (https://minari.farama.org), written by the library itself.
 
-An episode keeps the options that `reset` of the recovered environment takes, so that it can be
-replayed there. Pictures are raw arrays: those of JPEG would not be the ones that were observed.
+An episode keeps the `reset` options with which the recovered environment can replay it. Pictures
+are raw arrays, because JPEG would change the observed pixels.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ if TYPE_CHECKING:
 NEEDS = ("minari", "h5py")
 
 EPISODE_BYTES = 1 << 17
-"""More than HDF5 takes for an episode, besides its text and thrice the bytes of its pictures."""
+"""An upper bound on HDF5's bytes per episode, besides its text and three times its pictures."""
 
 
 def write(split: Split, folder: Path) -> None:
-    """Write a split into an empty folder, as Minari does.
+    """Write a split into an empty folder, in Minari's format.
 
     Raises:
         OSError: The files cannot be written.
     """
     import minari
 
-    folder = folder.absolute()  # Minari adds up relative paths.
+    folder = folder.absolute()  # Minari concatenates relative paths.
     with _placed_in(folder), warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Of addresses and scores that we have none of.
+        warnings.simplefilter("ignore")  # About addresses and scores, which we do not have.
         storage = minari.create_dataset_from_buffers(
             split.id,
             [],
@@ -61,7 +61,7 @@ def write(split: Split, folder: Path) -> None:
 
 
 def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:
-    """Yield the episodes of a split, each after the bytes of its pictures."""
+    """Yield, for each episode of a split, the bytes of its pictures and the episode."""
     from minari.data_collector import EpisodeBuffer
 
     for episode in split.episodes():
@@ -80,7 +80,7 @@ def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:
 
 
 def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
-    """Raise OSError if a disk has no room for a batch: HDF5 would crash in the middle of it."""
+    """Raise an OSError if the disk is too full for a batch; HDF5 would crash while writing."""
     needed = sum(
         3 * each.observations.nbytes + len(each.options["labyrinth"].encode()) + EPISODE_BYTES
         for each in batch
@@ -90,7 +90,7 @@ def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
 
 
 def _options(episode: LoadedEpisode) -> dict[str, Any]:
-    """Return the options with which `LabyrinthEnv.reset` begins the episode, and ends it, too."""
+    """Return the options of `LabyrinthEnv.reset` that replay the episode, including its end."""
     options: dict[str, Any] = {"labyrinth": episode.info}
     if episode.truncated:
         options["max_episode_steps"] = len(episode)
@@ -98,7 +98,7 @@ def _options(episode: LoadedEpisode) -> dict[str, Any]:
 
 
 def _environment(split: Split) -> EnvSpec:
-    """Return the specification of the environment of a split, which samples other labyrinths."""
+    """Return the specification of a split's environment, which samples labyrinths by default."""
     import gymnasium
 
     config = split.manifest.config
@@ -115,7 +115,7 @@ def _environment(split: Split) -> EnvSpec:
 
 @contextmanager
 def _placed_in(folder: Path) -> Iterator[None]:
-    """Let Minari make datasets in a folder instead of the user's."""
+    """Let Minari write datasets into `folder` instead of the user's folder."""
     name = "MINARI_DATASETS_PATH"
     before = os.environ.get(name)
     os.environ[name] = str(folder)

@@ -1,4 +1,4 @@
-"""One split of a dataset, as it is exported: its episodes, and facts for the formats' metadata."""
+"""One split of a dataset to export: its episodes, and the metadata that all formats use."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ from pipeline.config.export import NAMESPACE, VERSION
 from pipeline.machinery.console import tracked
 
 PART_BYTES = 16 << 20
-"""The least number of bytes of pictures in a part; only the last part may have fewer."""
+"""The minimum bytes of pictures in a part; only the last part may have fewer."""
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
 class Split:
-    """One split of a dataset that is exported."""
+    """One split of a dataset to export."""
 
     source: str
     """The dataset: a folder, or an id on the Hub."""
     revision: str | None
     folder: AnyPath
-    """Where its manifest and its table of labyrinths lie."""
+    """The folder of its manifest and its table of labyrinths."""
     manifest: Manifest
     name: str
     """Such as `train`."""
@@ -65,7 +65,7 @@ class Split:
 
     @property
     def description(self) -> str:
-        """The content of the split in a sentence."""
+        """A sentence that describes the split."""
         config = self.manifest.config
         return (
             f"Grid labyrinths of {config.height} x {config.width} cells, task {config.task}; "
@@ -104,12 +104,12 @@ class Split:
 
     @property
     def key(self) -> dict[str, Any]:
-        """Its record, in which the options of the dataset are like the others."""
+        """The record, with the options of the dataset at its top level."""
         record = self.record()
         return {**record.pop("config"), **record}
 
     def episodes(self) -> Iterator[LoadedEpisode]:
-        """Yield its episodes in order, under a progress bar.
+        """Yield the episodes in order, with a progress bar.
 
         Raises:
             DatasetError: They cannot be read, or their number differs from the manifest.
@@ -133,7 +133,7 @@ class Split:
 
 
 def in_parts(items: Iterable[tuple[int, Item]], part_bytes: int) -> Iterator[list[Item]]:
-    """Yield consecutive items, given with their sizes, in lists of at least so many bytes."""
+    """Group consecutive items, given with their sizes, into lists of at least `part_bytes`."""
     part: list[Item] = []
     held = 0
     for size, item in items:
@@ -147,7 +147,7 @@ def in_parts(items: Iterable[tuple[int, Item]], part_bytes: int) -> Iterator[lis
 
 
 def png_value(picture: NDArray[np.uint8]) -> dict[str, Any]:
-    """Return a picture, shape (height, width, 3), as `datasets` keeps one: a PNG file."""
+    """Return a picture, shape (height, width, 3), in the form that `datasets` uses: a PNG file."""
     from PIL import Image
 
     file = io.BytesIO()

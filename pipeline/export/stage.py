@@ -1,4 +1,4 @@
-"""The stage `export`: splits of a dataset in the format of another library, each an artifact."""
+"""The stage `export`: write splits of a dataset in the format of another library."""
 
 from __future__ import annotations
 
@@ -22,23 +22,23 @@ from pipeline.machinery.console import say
 from pipeline.machinery.dataset import manifest_of
 
 README = "README.md"
-"""The card of all datasets of a folder, which may name their licence."""
+"""The card of the datasets in a folder, which may name their licence."""
 INSTEAD = "choose another export.folder"
 
 
 def run(run: Run) -> None:
-    """Export the splits that are asked for, or all.
+    """Export the splits in `export.splits`, or all.
 
     Raises:
-        ConfigError: A split is missing, or a library.
-        DatasetError: There is no such dataset, or it is damaged; an export cannot be written, or
-            something else is where it is to be.
+        ConfigError: A split does not exist, or a library is not installed.
+        DatasetError: The dataset does not exist or is damaged, an export cannot be written, or its
+            folder holds something else.
     """
     asked, overwrite = run.options.export, run.options.overwrite
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(run)
-    for split in splits:  # Before the first is written.
+    for split in splits:  # Check all of them before writing the first.
         is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
     for split in splits:
         _export(split, root / split.id, write, overwrite)
@@ -47,7 +47,7 @@ def run(run: Run) -> None:
 def _export(
     split: Split, target: Path, write: Callable[[Split, Path], None], overwrite: bool
 ) -> None:
-    """Export a split to a folder, unless it is there."""
+    """Export a split to a folder, unless the export is there already."""
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
@@ -55,14 +55,14 @@ def _export(
                 write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
     except DatasetError:
         raise
-    except (OSError, RuntimeError) as error:  # Of h5py, either.
+    except (OSError, RuntimeError) as error:  # h5py raises either.
         reason = getattr(error, "strerror", None) or one_line(error)
         raise DatasetError(f"{target} cannot be written: {reason}") from error
     say(f"{target} {'is there already' if made is None else f'has {split.count:,} episodes'}")
 
 
 def _writer(format_: str) -> Callable[[Split, Path], None]:
-    """Return what writes a split into an empty folder, in a format."""
+    """Return the function that writes a split into an empty folder, in a format."""
     module = import_module(EXPORTS[format_])
     missing = [name for name in getattr(module, "NEEDS", ()) if find_spec(name) is None]
     check(
@@ -75,7 +75,7 @@ def _writer(format_: str) -> Callable[[Split, Path], None]:
 
 
 def splits_of(run: Run) -> list[Split]:
-    """Return the splits to export; raise as `run`."""
+    """Return the splits to export; raises the same errors as `run`."""
     asked, options = run.options.export, run.options
     manifest = manifest_of(run)
     names = list(dict.fromkeys(shard.split for shard in manifest.shards))

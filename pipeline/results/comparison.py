@@ -1,10 +1,10 @@
-"""Whether one method does better than another by more than chance, as figures and in Markdown.
+"""Test whether methods differ significantly, and report it in Markdown.
 
-The unit is a training run: another seed gives another policy, and the question is whether a method
-does better over seeds, in these labyrinths. The test exchanges runs. A bootstrap of a few seeds
-declares equal methods apart too often, as it cannot know how far other seeds would lie. The
-interquartile mean is that of Agarwal et al. (2021), "Deep reinforcement learning at the edge of the
-statistical precipice", with a percentile bootstrap over runs.
+The unit is a training run: each seed gives another policy, and the question is whether a method is
+better over seeds, on these labyrinths. The test permutes runs between two methods. A bootstrap over
+a few seeds would too often find a difference between equal methods, because few seeds show little
+of the variance. The interquartile mean is that of Agarwal et al. (2021), "Deep reinforcement
+learning at the edge of the statistical precipice", with a percentile bootstrap over runs.
 """
 
 from __future__ import annotations
@@ -37,17 +37,17 @@ say how SR would be in other labyrinths, so it ranks no method either.
 """
 
 RESAMPLES = 10_000
-"""The resamples of an interval, and the most divisions of runs that a test counts."""
+"""The number of resamples of an interval, and the maximum number of divisions in a test."""
 
 LEVEL = 1 - CONFIDENCE
-"""The largest p-value of a difference that is called one."""
+"""The significance level: a difference counts if its p-value is at most this."""
 
 _ROUNDING = 1e-12
-"""By how much equal differences of means may differ."""
+"""The rounding error allowed between equal differences of means."""
 
 
 class Estimate(NamedTuple):
-    """A figure and its interval."""
+    """A value and its confidence interval."""
 
     value: float
     low: float
@@ -55,13 +55,13 @@ class Estimate(NamedTuple):
 
 
 def interquartile_mean(tasks: Sequence[NDArray[np.float64]]) -> Estimate:
-    """Return the mean of the middle half of the scores of all runs, and its interval.
+    """Return the mean of the middle half of all scores, with its interval.
 
-    A quarter of the scores, rounded down, is left out on either side. Runs are resampled in each
-    task by itself (section 4.3 of the paper).
+    The lowest and the highest quarter of the scores, rounded down, are left out. Runs are resampled
+    within each task (section 4.3 of the paper).
 
     Args:
-        tasks: The score of each run in each task, shapes (runs,).
+        tasks: For each task, the scores of its runs, shape (runs,).
     """
     rng = np.random.default_rng(0)
     drawn = [each[rng.integers(len(each), size=(RESAMPLES, len(each)))] for each in tasks]
@@ -79,16 +79,16 @@ def _middle(scores: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def exchange_test(mine: NDArray[np.float64], others: NDArray[np.float64]) -> float:
-    """Return the two-sided p-value of a difference of means, by exchanging runs.
+    """Return the two-sided p-value of a permutation test for the difference of two means.
 
-    The share of all divisions of the runs into two groups as large whose means differ at least as
-    much; if there are more than `RESAMPLES`, of as many random ones. Runs of equal methods are
-    declared apart no more often than the level says, however few they are and whatever their
-    distribution (Fisher 1935, "The design of experiments"; Phipson and Smyth 2010).
+    It is the share of all divisions of the runs into groups of these sizes whose means differ at
+    least as much; if there are more than `RESAMPLES` divisions, the share in that many random ones.
+    The rate of false positives is at most the level, for any number of runs and any distribution
+    (Fisher 1935, "The design of experiments"; Phipson and Smyth 2010).
 
     Args:
-        mine: The score of each run of one method, shape (runs,).
-        others: Those of the other method.
+        mine: The scores of one method's runs, shape (runs,).
+        others: The scores of the other method's runs, shape (runs,).
     """
     scores, chosen = np.concatenate([mine, others]), _divisions(len(mine), len(others))
     sums = chosen @ scores
@@ -98,9 +98,9 @@ def exchange_test(mine: NDArray[np.float64], others: NDArray[np.float64]) -> flo
 
 @cache
 def _divisions(first: int, second: int) -> NDArray[np.float64]:
-    """Return which runs a division puts into the first group: its 1s, shape (divisions, runs).
+    """Return the divisions of runs into two groups, shape (divisions, runs), the actual one first.
 
-    The actual division comes first.
+    A 1 puts a run into the first group, a 0 into the second.
     """
     runs = first + second
     if comb(runs, first) <= RESAMPLES:
@@ -114,10 +114,10 @@ def _divisions(first: int, second: int) -> NDArray[np.float64]:
 
 
 def differences_of(scores: Mapping[str, NDArray[np.float64]]) -> dict[tuple[str, str], float]:
-    """Return the p-value of each pair of methods, which hold for all pairs together (Holm 1979).
+    """Return the p-value of each pair of methods, corrected for all pairs (Holm 1979).
 
     Args:
-        scores: Method -> the score of each of its runs, shape (runs,).
+        scores: Method -> the scores of its runs, shape (runs,).
     """
     found = {
         (one, other): exchange_test(scores[one], scores[other])
@@ -127,15 +127,15 @@ def differences_of(scores: Mapping[str, NDArray[np.float64]]) -> dict[tuple[str,
 
 
 def rates_of(methods: Sequence[MethodRuns]) -> dict[str, NDArray[np.float64]]:
-    """Return the success rate of each run by method, for methods of one setup."""
+    """Return the success rates of each method's runs, for methods of one setup."""
     return {name_of(each.method): solved_in(each.runs, SPLIT).mean(axis=1) for each in methods}
 
 
 def pairs_of_methods(rates: Mapping[str, NDArray[np.float64]]) -> Iterator[str]:
-    """Yield a table of all pairs of methods and what follows from it; nothing of a single method.
+    """Yield a table that compares each pair of methods, and its conclusion; nothing for one method.
 
     Args:
-        rates: Method -> the success rate of each of its runs, shape (runs,).
+        rates: Method -> the success rates of its runs, shape (runs,).
     """
     if len(rates) < 2:
         return
@@ -163,7 +163,7 @@ def _difference(
 def _conclusion(
     found: Mapping[tuple[str, str], float], rates: Mapping[str, NDArray[np.float64]]
 ) -> str:
-    """Say which methods differ, or, if none can, that so few seeds never show it."""
+    """Say which methods differ, or that there are too few seeds to show any difference."""
     held = f"at a level of {LEVEL:.0%} over {count(len(found), 'pair')}"
     apart = [
         " than ".join(sorted(pair, key=lambda name: -rates[name].mean()))
@@ -184,7 +184,7 @@ def _conclusion(
 
 
 def across_sizes(methods: Sequence[MethodRuns]) -> Iterator[str]:
-    """Yield a table of interquartile means over sizes and seeds, if there are several sizes."""
+    """Yield a table of interquartile means over sizes and seeds, for methods with several sizes."""
     groups: dict[tuple[str, str, str], dict[str, Sequence[Results]]] = {}
     for each in methods:
         size, _, task = each.config.partition("-")

@@ -1,4 +1,4 @@
-"""The figures of methods over their seeds, and of anyone's policies."""
+"""Aggregate results: the figures of a method over its seeds, or of a single policy."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ AVERAGED = (
     "accuracy_on_demonstrations",
     "accuracy_elsewhere",
 )
-"""Figures of `Scores` whose mean over seeds is reported."""
+"""Figures of `Scores` that are averaged over seeds."""
 
 
 def run_of(results: Results) -> TrainedRun:
-    """Return the run that made the policy of results, which are those of a run."""
-    assert results.run is not None  # Results of other policies are kept apart.
+    """Return the run that trained the evaluated policy; the results have to be of a run."""
+    assert results.run is not None  # Results of other policies are kept separately.
     return results.run
 
 
 @dataclass(frozen=True)
 class Figures:
-    """The figures of a policy on a split, over the seeds that it was trained with."""
+    """The figures on a split, over the seeds of a method."""
 
     labyrinths: int
     spl: float
@@ -48,15 +48,15 @@ class Figures:
     """The standard deviation over labyrinths, averaged over seeds."""
     aer_interval: tuple[float, float]
     failures: dict[str, float]
-    """The share of all labyrinths with each of `FAILURES`."""
+    """For each of `FAILURES`, its share of all labyrinths."""
     averages: dict[str, float | None]
-    """The mean of each of `AVERAGED`; None if it is not defined for any seed."""
+    """The mean of each of `AVERAGED`; None if no seed defines it."""
     by_distance: dict[int, str]
-    """By moves on a shortest route: how many episodes succeed, such as `3 of 5`."""
+    """Length of the shortest route -> how many episodes succeed, such as `3 of 5`."""
 
     @classmethod
     def over(cls, group: Sequence[Results], split: str) -> Figures:
-        """Return the figures of results that differ in their seed alone, or of a single one."""
+        """Aggregate results that differ only in their seed; one is enough."""
         scores = [each.splits[split] for each in group]
         solved = solved_in(group, split)
         weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
@@ -84,7 +84,7 @@ class Figures:
         )
 
     def columns(self) -> dict[str, object]:
-        """Return the figures by the names of columns, an interval as two numbers."""
+        """Return the figures by column name, with intervals as two columns."""
         values = asdict(self) | self.failures | self.averages
         for name in ("spl", "sr", "aer"):
             values[f"{name}_low"], values[f"{name}_high"] = values[f"{name}_interval"]
@@ -94,11 +94,11 @@ class Figures:
 
 @dataclass(frozen=True, eq=False)
 class MethodRuns:
-    """The runs of a method on a dataset that differ in their seed alone."""
+    """The runs of a method on a dataset, which differ only in their seed."""
 
     runs: Sequence[Results]
     figures: dict[str, Figures]
-    """The figures by split: the usual ones, then the shifts that all runs were evaluated on."""
+    """Split -> its figures: the usual splits, then the shifts that all runs were evaluated on."""
 
     @property
     def config(self) -> str:
@@ -107,7 +107,7 @@ class MethodRuns:
 
     @property
     def setup(self) -> str:
-        """All other choices but method and seed, such as `cnn` or `resnet18-paper`."""
+        """All choices besides method and seed, such as `cnn` or `resnet18-paper`."""
         return run_of(self.runs[0]).setup
 
     @property
@@ -117,7 +117,7 @@ class MethodRuns:
 
 
 def by_method(results: Sequence[Results]) -> list[MethodRuns]:
-    """Return results in the usual order by config, setup and method."""
+    """Group runs by config, setup and method; `results` have to be in the order of these."""
 
     def key(each: Results) -> tuple[str, str]:
         return each.config, run_of(each).of_all_seeds
@@ -131,13 +131,13 @@ def by_method(results: Sequence[Results]) -> list[MethodRuns]:
 
 
 def gap(group: Sequence[Results]) -> tuple[float, float, float]:
-    """Return the difference of the SR on train and on test, over seeds, and its interval."""
+    """Return the SR on train minus the SR on test, over seeds, with its interval."""
     train, test = (solved_in(group, split) for split in ("train", "test"))
     return float(train.mean() - test.mean()), *interval(train, test)
 
 
 def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
-    """Return 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
+    """Return 1 for each solved labyrinth, else 0, shape (seeds, labyrinths)."""
     solved = [np.atleast_2d(each.splits[split].episodes.solved) for each in group]
     return np.concatenate(solved).astype(np.float64)
 

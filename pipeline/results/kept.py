@@ -1,4 +1,4 @@
-"""The results that are kept, of runs and of anyone's policies: what does not add up is refused."""
+"""Collect and check the results of runs and of submitted policies; refuse inconsistent files."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from pipeline.results.figures import run_of
 from pipeline.results.paper import METHODS, title_of
 
 AUTHOR = "Labyrinth datasets"
-"""Who made the runs of the stages `train` and `evaluate`."""
+"""The author of runs of the stages `train` and `evaluate`."""
 
 RUNS = "runs"
-"""The folder of the files of runs, below that of the tables; the others are in `SUBMISSIONS`."""
+"""The subfolder with the results of runs; those of other policies are in `SUBMISSIONS`."""
 
 
 class Available:
-    """The dataset that a run names, each config read once when it is first asked for."""
+    """The configs of the dataset that a run names, each read when it is first needed."""
 
     def __init__(self, run: Run) -> None:
         self._run = run
         self._found: dict[str, KnownDataset | None] = {}
         self.missing: dict[str, str] = {}
-        """Config that was asked for -> why it is not available."""
+        """Config -> why it is not available."""
 
     def __call__(self, config: str) -> KnownDataset | None:
-        """Return what is known of a config such as `5x5`, None if it is not available.
+        """Return a config such as `5x5`, or None if it is not available.
 
         Raises:
             DatasetError: A folder is given with a revision.
@@ -51,7 +51,7 @@ class Available:
         return self._found[config]
 
     def has(self, results: Results) -> bool:
-        """Return whether the dataset of some results is available, so that they are compared."""
+        """Return whether the dataset of some results is available, so that they can be checked."""
         known = self(results.config)
         return known is not None and known.fingerprint == results.fingerprint
 
@@ -63,25 +63,27 @@ class Available:
 
 
 def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:
-    """Return the results in a file, compared with the dataset if it is available.
+    """Read results from a file, and check them against the dataset if it is available.
 
-    A run on another dataset of the same config is compared with none; any other policy is refused.
+    If the dataset has another fingerprint, results of a run are left unchecked, and results of any
+    other policy are refused.
 
     Args:
         path: The file.
         available: The datasets that are available.
-        place: The config and the name of the run whose results belong there; a file of no run may
-            lie there, too.
+        place: The config and the name of the run that the path stands for; results of another
+            policy may be there, too.
 
     Raises:
-        DatasetError: The file cannot be read, or does not add up; the message has one line.
+        DatasetError: The file cannot be read, or is inconsistent; the message has one line.
     """
     results = Results.load(path, available)
     run, known = results.run, available(results.config)
     try:
         if run is not None and place is not None:
             if (results.config, run.name) != place:
-                raise ValueError(f"it is of the run {results.config}/{run.name}, not of this one")
+                name = f"{results.config}/{run.name}"
+                raise ValueError(f"it belongs to the run {name}, not to this one")
             check_run(run, results.observation)
         if known is None:
             return results
@@ -95,12 +97,12 @@ def read(path: Path, available: Available, place: tuple[str, str] | None = None)
 
 
 def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
-    """Copy the results in a folder of runs to where they are kept; return which are refused.
+    """Copy results from `run_dir` to `results_dir`, and return why each refused file was refused.
 
-    What was kept before of one that is refused stays, and so does a file that was not copied there.
+    If a file is refused, its earlier copy stays. Files that were not copied from a run also stay.
 
     Raises:
-        DatasetError: There is a SHA256SUMS of another program.
+        DatasetError: `results_dir` has a SHA256SUMS of another program.
     """
     refused, found = [], {}
     for path in results_in(run_dir):
@@ -115,8 +117,8 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
     files = {name: path.read_bytes() for name, path in found.items()}
     for name in Sums.read(results_dir).others(files):
         refused.append(
-            f"{found[name]} is not copied: somebody else made or changed {results_dir / name}; "
-            "move that away"
+            f"{found[name]} is not copied: {results_dir / name} was made or changed by somebody "
+            "else; move it away"
         )
         del files[name]
     if files:
@@ -127,10 +129,7 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
 def read_all(
     results_dir: Path, available: Available
 ) -> tuple[dict[Path, Results], list[Results], list[str]]:
-    """Return the runs and the submissions that are kept and add up, and which are refused.
-
-    The runs are by the file that they are in.
-    """
+    """Read all results; return the runs by file, the submissions, and why each other is refused."""
     runs: dict[Path, Results] = {}
     submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
@@ -142,7 +141,7 @@ def read_all(
             if path.is_relative_to(results_dir / RUNS):
                 each = read(path, available, (path.parent.name, path.stem))
                 if each.run is None:
-                    raise DatasetError(f"{path} is refused: it is not of a run that was trained")
+                    raise DatasetError(f"{path} is refused: it has no results of a training run")
                 runs[path] = each
             else:
                 each = read(path, available)
@@ -158,7 +157,7 @@ def read_all(
 
 
 def _names(results: Results) -> list[str]:
-    """Return all that a policy is called in tables and files."""
+    """Return every name of a policy in tables and files."""
     run = results.run
     if run is not None:
         return [title_of(run), run.of_all_seeds, run.name]
@@ -168,21 +167,21 @@ def _names(results: Results) -> list[str]:
 def _require_own_name(
     path: Path, results: Results, named: Mapping[tuple[str, str, str], str]
 ) -> None:
-    """Raise a DatasetError if a submission has a name of ours, or of another submission."""
+    """Raise a DatasetError if a submission has the name of a run or of another submission."""
     if results.run is not None or results.method is None:
-        raise DatasetError(f"{path} is refused: it is of a run, and belongs below {RUNS}")
+        raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
     if as_compared(results.method.author) == as_compared(AUTHOR):
-        raise DatasetError(f"{path} is refused: author={AUTHOR} is for runs")
+        raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
     name = as_compared(results.method.name)
     reason = named.get((results.config, results.fingerprint, name))
     if name in {as_compared(each) for method in METHODS.items() for each in method}:
-        reason = f"name={results.method.name} is for runs"
+        reason = f"name={results.method.name} is reserved for runs"
     if reason is not None:
         raise DatasetError(f"{path} is refused: {reason}")
 
 
 def comparable(runs: Mapping[Path, Results]) -> list[Results]:
-    """Return runs in the order of config, setup, method and seed.
+    """Check that runs can be compared, and sort them by config, setup, method and seed.
 
     Args:
         runs: The runs by their files.
@@ -197,17 +196,17 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         other = first.setdefault(results.config, path)
         if _differ(runs[other], results):
             raise DatasetError(
-                f"{path} and {other} are of different datasets, and not to be compared: "
+                f"{path} and {other} are of different datasets, so they cannot be compared: "
                 "remove one, or choose another results_dir"
             )
         other = first.setdefault((results.config, run.of_all_seeds), path)
         mine, others = run.settings, run_of(runs[other]).settings
-        # Settings that only one of them has are newer, and have no effect by default.
+        # A setting that only one of them has is newer, and has no effect by default.
         common = [name for name in mine if name in others and mine[name] != others[name]]
         if common:
             differing = ", ".join(f"{name}={mine[name]} and {others[name]}" for name in common)
             raise DatasetError(
-                f"{path} and {other} are of different settings, {differing}, and not to "
+                f"{path} and {other} have different settings, {differing}, so they cannot "
                 "be averaged: remove one, or choose another results_dir"
             )
 
@@ -220,9 +219,9 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
 
 
 def _differ(one: Results, other: Results) -> bool:
-    """Return whether two runs learnt from, or were judged on, different labyrinths.
+    """Return whether two runs learnt from, or were evaluated on, different labyrinths.
 
-    One that learnt from some labyrinths of train is judged on the first ones alone.
+    A run that learnt from the first labyrinths of train is evaluated only on these.
     """
     if (one.fingerprint, run_of(one).fingerprint) != (other.fingerprint, run_of(other).fingerprint):
         return True

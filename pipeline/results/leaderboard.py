@@ -1,4 +1,4 @@
-"""The leaderboard: our runs and the results of others, ranked on the same labyrinths."""
+"""The leaderboard: runs and submitted results, ranked on the same labyrinths."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RANKED_BY = "test"
 LEADERBOARD = "leaderboard.md"
 
 MARK = "†"
-"""Marks an entry that could not be compared with the dataset, and has no rank."""
+"""Marks an entry that was not checked against the dataset, and so has no rank."""
 
 ABOUT = f"""# Leaderboard
 
@@ -76,36 +76,36 @@ class Entry:
     """The fingerprint of the dataset's rows."""
     method: Description
     observation: str
-    """What the policy is shown."""
+    """What the policy observes: images, vectors or text."""
     seeds: int
-    """The number of times that it was trained."""
+    """The number of training runs."""
     episodes: int
     """The number of episodes in each labyrinth."""
     version: str
-    """The version of the software that evaluated it, empty if it is not stated."""
+    """The version of the software that evaluated the policy; empty if it is not stated."""
     compared: bool
-    """Whether the dataset was available, so that all that it settles was checked."""
+    """Whether the dataset was available, so that the results were checked against it."""
     figures: dict[str, Figures]
-    """By split."""
+    """Split -> its figures."""
     rank: int | None = None
-    """One more than there are entries whose interval of SPL lies above that of this one; None
-    without figures on `RANKED_BY`, and for an entry that was not compared."""
+    """One plus the number of entries whose whole SPL interval is above this entry's; None without
+    figures on `RANKED_BY`, and for an entry that was not checked."""
 
 
 def entries_of(
     methods: Iterable[MethodRuns], submissions: Iterable[Results], available: Available
 ) -> Iterator[Entry]:
-    """Yield the entries of our runs and of the results of other policies.
+    """Yield an entry for each trained method and each submission.
 
     Args:
-        methods: Our runs.
+        methods: The methods of our runs.
         submissions: The results of other policies.
         available: The datasets that are available.
     """
     for ours in methods:
         yield _entry(ours.runs, _description(ours), ours.figures, available)
     for results in submissions:
-        assert results.method is not None  # A file always has it.
+        assert results.method is not None  # Always set in results from a file.
         figures = {split: Figures.over([results], split) for split in results.splits}
         yield _entry([results], results.method, figures, available)
 
@@ -138,7 +138,7 @@ def _entry(
 
 
 def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
-    """Return the entries of each dataset, the smallest labyrinths first, ranked and in order."""
+    """Return the ranked entries of each dataset, in order, with the smallest labyrinths first."""
 
     def dataset(entry: Entry) -> tuple[Any, ...]:
         size = parse_size(entry.config.partition("-")[0])
@@ -149,7 +149,7 @@ def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
 
 
 def _ranked(entries: Sequence[Entry]) -> list[Entry]:
-    """Return the entries of one dataset with their ranks, in order."""
+    """Rank the entries of one dataset, and return them in order."""
     found = [each.figures.get(RANKED_BY) for each in entries]
     ranked = [each if entry.compared else None for entry, each in zip(entries, found, strict=True)]
     lows = [each.spl_interval[0] for each in ranked if each]
@@ -182,7 +182,7 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     yield table(heading, map(_place, entries), "rllrrrrrr")
     yield "On all splits:"
     held = {split for each in entries for split in each.figures}
-    # The usual ones first, then the others in the order of the dataset.
+    # The usual splits first, then the others in the order of the dataset.
     splits = [split for split in dict.fromkeys((*EVALUATED_SPLITS, *SPLITS)) if split in held]
     rows = (row for each in entries for row in _by_split(each, splits))
     yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
@@ -238,7 +238,7 @@ def _name(entry: Entry, *, linked: bool = False) -> str:
 
 
 def csv_of(entries: Sequence[Entry]) -> str:
-    """Return all figures, a row for each method and split; shares, not percent."""
+    """Return all figures as CSV, one row per method and split; shares, not percent."""
     rows = (_row(entry, split) for entry in entries for split in entry.figures)
     return as_csv(COLUMNS, rows)
 

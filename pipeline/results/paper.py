@@ -1,7 +1,7 @@
 """The paper's figures as printed (supplement, Tables 3 to 5), and which of them are impossible.
 
 Every episode that fails returns -4, so AER = SR * r + (1 - SR) * (-4), where r is the mean return
-of the episodes that succeed. It is at most that of a shortest route, but many cells imply more.
+of the episodes that succeed. A shortest route bounds r from above, but many cells imply more.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ METHODS = {
     "sqil": "SQIL",
     "iupe": "IUPE",
 }
-"""The methods of the tables, in their order, and their names in print."""
+"""Method -> its name in print, in the order of the paper's tables."""
 
 
 def name_of(method: str) -> str:
@@ -32,7 +32,7 @@ def name_of(method: str) -> str:
 
 
 def title_of(run: RunName) -> str:
-    """Return what a run is called on the leaderboard, whatever its seed, such as `BC, cnn`."""
+    """Return the name of a run on the leaderboard, without its seed, such as `BC, cnn`."""
     name = METHODS.get(run.method, run.method)
     return name if run.setup == run.method else f"{name}, {run.setup}"
 
@@ -52,10 +52,10 @@ class PaperFigure:
 
     @property
     def greatest_return(self) -> float:
-        """The greatest possible return of a solved labyrinth.
+        """The maximum return of a solved labyrinth.
 
-        From corner to corner of n x n cells there are 2 (n - 1) moves; with another start, start
-        and goal are at least n moves apart.
+        From corner to corner of n x n cells a route has at least 2 (n - 1) moves; from another
+        start it has at least n moves.
         """
         moves = self.size if self.split.startswith("s0") else 2 * (self.size - 1)
         return GOAL_REWARD - (moves - 1) * STEP_PENALTY / self.size**2

@@ -1,4 +1,4 @@
-"""The tables of the stage `results`, as Markdown and CSV, beside the paper's figures."""
+"""The tables of the stage `results`, as Markdown and CSV, with the paper's figures."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from pipeline.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, ga
 from pipeline.results.paper import PaperFigure, name_of, paper_figures
 
 MARK = "†"
-"""Marks a figure of the paper that is impossible given its AER and SR."""
+"""Marks a cell of the paper whose AER and SR contradict each other."""
 
 WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
-"""What needs no learning, in the order of its columns."""
+"""Baselines that need no training, in the order of their columns."""
 
 ABOUT = f"""# Results
 
@@ -72,13 +72,13 @@ def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:
 
 
 def methods_of(group: Sequence[MethodRuns]) -> list[str]:
-    """Return the methods of a table's columns: the paper's if it has this config, then ours."""
+    """Return the methods of a table's columns: the paper's for this config, then our others."""
     in_paper = [name for config, _, name in paper_figures() if config == group[0].config]
     return list(dict.fromkeys([*in_paper, *(each.method for each in group)]))
 
 
 def compared(group: Sequence[MethodRuns], methods: Sequence[str]) -> Iterator[list[str]]:
-    """Yield the rows of a comparison: for each split SPL and SR, and the SR that the paper has."""
+    """Yield the rows of a comparison: for each split our SPL and SR, and the SR in the paper."""
     here = {each.method: each.figures for each in group}
     paper = paper_figures()
     for split in EVALUATED_SPLITS:
@@ -95,7 +95,7 @@ def compared(group: Sequence[MethodRuns], methods: Sequence[str]) -> Iterator[li
 
 
 def _printed(figure: PaperFigure | None) -> str:
-    """Return SR as the paper prints it, marked if it is impossible."""
+    """Return the paper's SR in percent, marked if it is impossible."""
     mark = "" if figure is None or figure.is_possible else " " + MARK
     return "" if figure is None else f"{100 * figure.sr:.1f}{mark}"
 
@@ -119,7 +119,7 @@ def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]
 
 
 def _effort(method: MethodRuns) -> list[str]:
-    """Return a method's gap between train and test, and the effort of its runs."""
+    """Return a row: a method's gap between train and test, and the cost of its runs."""
     training = [run_of(each).training for each in method.runs]
     points, low, high = (100 * share for share in gap(method.runs))
     return [
@@ -138,10 +138,10 @@ def _listed(values: Iterable[object]) -> str:
 
 
 def as_csv(methods: Sequence[MethodRuns]) -> str:
-    """Return all figures, one row each; shares, not percent.
+    """Return all figures as CSV, one row per method and split; shares, not percent.
 
-    The paper's come first, then ours, then those of what needs no learning, as the first run of
-    each config and setup tells them.
+    The paper's figures come first, then ours, then those of baselines without training, taken from
+    the first run of each config and setup.
     """
     rows: list[dict[str, object]] = [
         asdict(each) | {"config": config, "source": "paper", "possible": each.is_possible}

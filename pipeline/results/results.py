@@ -1,8 +1,8 @@
-"""The stage `results`: tables of all runs beside the paper's figures, and the leaderboard.
+"""The stage `results`: write tables that compare all runs with the paper, and the leaderboard.
 
 Results of runs are copied from `run_dir` to `<results_dir>/runs`, and those of other policies to
-`<results_dir>/submissions`, where files of anyone may lie. Tables and leaderboard are made only
-from what is kept there.
+`<results_dir>/submissions`, to which anyone may add files. Tables and leaderboard are made only
+from these two folders.
 """
 
 from __future__ import annotations
@@ -32,19 +32,19 @@ from pipeline.results.result_tables import write_tables
 
 
 class RefusedError(DatasetError):
-    """Results that do not add up; the message has one line for each file."""
+    """Some results are inconsistent; the message has one line for each file."""
 
 
 def run(run: Run) -> None:
     """Collect the results of runs and of other policies; write the tables and the leaderboard.
 
-    Files that do not add up are left out, and named at the end.
+    Inconsistent files are left out, and named at the end.
 
     Raises:
         ConfigError: A folder is given with a revision.
         DatasetError: There are no results, or none on the dataset that the command line names, or
             two runs cannot be compared.
-        RefusedError: Some files do not add up; all else is written.
+        RefusedError: Some files are inconsistent; everything else is written.
     """
     run_dir, results_dir = (
         Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
@@ -82,9 +82,9 @@ def run(run: Run) -> None:
 
 
 def overview(methods: Sequence[MethodRuns]) -> Table:
-    """Return the SPL of methods on one dataset as a table for the terminal.
+    """Return a table of the SPL of all methods on one dataset.
 
-    Where it has 80 columns, long names of methods go on in the next line.
+    In a terminal of 80 columns, long method names wrap.
     """
     title = f"{methods[0].config}: SPL in percent, mean over seeds"
     numbers = ("seeds", *EVALUATED_SPLITS)

@@ -1,4 +1,4 @@
-"""Tables as CSV, in which a spreadsheet computes nothing."""
+"""Write tables as CSV that is safe to open in a spreadsheet: no cell is read as a formula."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 
 _FORMULA = re.compile(r"(?=[=+\-@\t\r])")
-"""How a text begins that a spreadsheet would compute."""
+"""Matches the start of a text that a spreadsheet would read as a formula."""
 
 
 def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
-    """Return a table as CSV; texts that a spreadsheet would compute get an apostrophe before them.
+    """Return a table as CSV; an apostrophe precedes texts that look like a formula.
 
     Args:
         columns: The names of the columns, in order.
-        rows: The values of each row by column; others in it are left out.
+        rows: The values of each row by column; values of other columns are left out.
     """
     text = io.StringIO()
     writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")

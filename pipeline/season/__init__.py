@@ -1,1 +1,1 @@
-"""Seasons: a test that is committed to, judged on, revealed, and verified by anyone."""
+"""Seasons: secret tests. A season is committed to, judged, revealed, and verifiable by anyone."""

@@ -1,8 +1,8 @@
-"""A season: what is published of a test before anyone sees it, and the test that the secret gives.
+"""The commitment of a season: hashes that are published before anyone sees the test.
 
 The secret has 256 random bits. The seed of the dataset is the first eight bytes, most significant
-first, of SHA-256 over `PREFIX`, the secret, and the config as JSON without its seed, with sorted
-names and no blanks. The dataset itself is never kept: the secret gives it again.
+first, of the SHA-256 of `PREFIX`, the secret, and the config as JSON without its seed, with sorted
+keys and no spaces. The dataset is not stored: it can be rebuilt from the secret.
 """
 
 from __future__ import annotations
@@ -31,9 +31,8 @@ KIND, FORMAT = "labyrinth-season", 1
 SECRET_BYTES = 32
 
 LEAST = 16
-"""The least number of labyrinths of a season: fewer could be guessed, and compared with the hashes
-that are published. Sixteen of the 192 or more structures of a size have more orders than there are
-seeds."""
+"""The minimum number of labyrinths: fewer could be guessed and checked against published hashes.
+16 of the 192 or more structures of a size can be ordered in more ways than there are seeds."""
 
 _HASH = Text(r"[0-9a-f]{64}")
 _SHAPE = {
@@ -52,46 +51,46 @@ _SHAPE = {
 
 @dataclass(frozen=True)
 class Place:
-    """Where the files of a season lie."""
+    """The paths of a season's files."""
 
     public: Path
     """The folder that is published."""
 
     @classmethod
     def of(cls, run: Run) -> Place:
-        """Return the place of the season that a run names."""
+        """Return the paths of the season that a run names."""
         options = run.options.season
         return cls(Path(options.folder).expanduser() / options.name)
 
     @property
     def season(self) -> Path:
-        """What the season commits to."""
+        """The file with the season's commitment."""
         return self.public / "season.json"
 
     @property
     def judged(self) -> Path:
-        """The list of what was judged, in public."""
+        """The public list of judged submissions."""
         return self.public / "judged.json"
 
     @property
     def revealed(self) -> Path:
-        """The secret, once it is revealed."""
+        """The file of the secret after the reveal."""
         return self.public / "secret.txt"
 
     @property
     def secret(self) -> Path:
-        """The secret; for its owner alone."""
+        """The file of the secret before the reveal; only its owner may read it."""
         return self.public.with_name(f"{self.public.name}.secret")
 
     @property
     def private(self) -> Path:
-        """The folder of results and submissions until they are revealed; for its owner alone."""
+        """The folder of results and submissions until the reveal; only its owner may read it."""
         return self.public.with_name(f"{self.public.name}.private")
 
 
 @dataclass(frozen=True, kw_only=True)
 class Season:
-    """What a season commits to, as `season.json` holds it."""
+    """The commitment of a season: the content of `season.json`."""
 
     name: str
     date: str
@@ -101,14 +100,15 @@ class Season:
     """Split -> number of labyrinths."""
     secret_sha256: str
     fingerprint: str
-    """The fingerprint of the dataset: of its values and pixels, whatever compressed them."""
+    """The fingerprint of the dataset's values and pixels, which does not depend on compression."""
     shards: Mapping[str, str]
-    """Path -> SHA-256 of each file, which `versions` wrote; others may compress differently."""
+    """Path -> SHA-256 of the file; other library versions may compress differently."""
     versions: Mapping[str, str]
+    """The library versions that wrote the shards."""
 
     @classmethod
     def of(cls, name: str, date: str, secret: bytes, manifest: Manifest) -> Season:
-        """Return what is published of a dataset that a secret gives."""
+        """Return the commitment to a secret and its dataset."""
         counts = Counter[str]()
         for shard in manifest.shards:
             counts[shard.split] += shard.labyrinths
@@ -125,43 +125,43 @@ class Season:
 
     @classmethod
     def read(cls, place: Place) -> Season:
-        """Return the season in a folder; raise DatasetError if there is none."""
+        """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
             content = read_json(place.season)
             check_shape(content, _SHAPE)
             season = cls(**{each.name: content[each.name] for each in fields(cls)})
             season.dataset_of(b"")
         except FileNotFoundError as error:
-            raise DatasetError(f"{place.public} is no season: no {place.season.name}") from error
+            raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
         except (OSError, *MALFORMED) as error:
-            raise DatasetError(f"{place.season} is no season: {one_line(error):.300}") from error
+            raise DatasetError(f"{place.season} is invalid: {one_line(error):.300}") from error
         return season
 
     def to_text(self) -> str:
-        """Return the content of its file."""
+        """Return the content of `season.json`."""
         return json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n"
 
     def require_secret(self, path: Path) -> bytes:
-        """Return the secret in a file; raise DatasetError if it is not the one committed to."""
+        """Read the secret from a file; raise a DatasetError if it is not the one committed to."""
         try:
             secret = bytes.fromhex(path.read_text(encoding="ascii"))
         except FileNotFoundError as error:
-            raise DatasetError(f"{path} is not there: it holds the season's secret") from error
+            raise DatasetError(f"{path}, the season's secret, does not exist") from error
         except (OSError, ValueError):
-            raise DatasetError(f"{path} holds no secret") from None  # Nothing of what it holds.
+            raise DatasetError(f"{path} holds no secret") from None  # Must not print the content.
         if hashlib.sha256(secret).hexdigest() != self.secret_sha256:
             raise DatasetError(f"{path} holds another secret than the season commits to")
         return secret
 
     def dataset_of(self, secret: bytes) -> DatasetConfig:
-        """Return the config of the dataset that a secret gives."""
+        """Return the config of the dataset that follows from a secret."""
         return DatasetConfig.from_json({**self.config, "seed": seed_of(secret, self.config)})
 
     def other_shards(self, manifest: Manifest) -> list[str]:
-        """Return the paths of files with other bytes than the season commits to.
+        """Return the paths of files whose bytes differ from the commitment.
 
         Raises:
-            DatasetError: The content differs, too.
+            DatasetError: The content of the dataset differs, not only its compression.
         """
         if manifest.fingerprint != self.fingerprint:
             raise DatasetError(
@@ -174,7 +174,7 @@ class Season:
 
 
 def without_seed(config: DatasetConfig) -> dict[str, Any]:
-    """Return the options of a dataset in plain types, without its seed."""
+    """Return the options of a dataset, without its seed, as plain types."""
     return {name: value for name, value in config.to_json().items() if name != "seed"}
 
 
@@ -187,12 +187,12 @@ def seed_of(secret: bytes, config: Mapping[str, Any]) -> int:
 
 @contextmanager
 def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
-    """Lend a folder with a dataset, for this user alone, and remove it at the end.
+    """Build a dataset in a temporary folder that only this user can read; yield both.
 
-    Nothing printed names its seed.
+    The seed is not printed.
 
     Args:
-        run: The run, which says how many processes build.
+        run: The run, whose options set how the dataset is built, such as the number of processes.
         config: The config of the dataset.
     """
     with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.

@@ -1,8 +1,8 @@
-"""A policy that is an ONNX graph, computed in a process with bounds on memory, time and files.
+"""Run an ONNX graph as a policy, in a process with limits on memory, time and files.
 
 A graph has one input and one output. The input is observations: pictures of shape (batch, pixels,
-pixels, 3), uint8 or, from 0 to 255, float32; or vectors of shape (batch, length), int32, int64 or
-float32. The output is scores of the four actions, float32 of shape (batch, 4).
+pixels, 3), uint8 or float32 from 0 to 255; or vectors of shape (batch, length), int32, int64 or
+float32. The output is the scores of the four actions, float32 of shape (batch, 4).
 """
 
 from __future__ import annotations
@@ -26,29 +26,29 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.season.graph_process import ANSWERED, ASKED, TYPES
 
 MEMORY = 4 << 30
-"""The most bytes of memory of the process, that of the libraries included."""
+"""The maximum memory of the process in bytes, libraries included."""
 
 SECONDS = 60.0
-"""The most seconds to load a graph, and to answer to a batch of observations."""
+"""The maximum seconds for loading a graph, and for answering a batch of observations."""
 
 _LONGEST = 1 << 20
-"""The most bytes of a description or an error."""
+"""The maximum bytes of a description or an error."""
 
 
 @contextmanager
 def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
-    """Lend the policy that an ONNX graph is; its process ends at the end.
+    """Start a process that runs an ONNX graph, yield the policy, and end the process.
 
     Args:
         content: The graph.
-        named: What it is called in messages.
+        named: The name of the policy in messages.
 
     Raises:
-        DatasetError: Onnxruntime is not installed, or this is not Linux.
-        PolicyError: The graph cannot be loaded, or has another form than a policy.
+        DatasetError: Onnxruntime is not installed, or the system is not Linux.
+        PolicyError: The graph cannot be loaded, or has other inputs or outputs than a policy.
     """
     if sys.platform != "linux":
-        raise DatasetError(f"{named}: ONNX graphs are judged on Linux, where memory can be bounded")
+        raise DatasetError(f"{named}: ONNX graphs need Linux, where memory can be limited")
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
@@ -66,12 +66,12 @@ def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
         finally:
             process.kill()
             if process.stdin is not None:
-                with suppress(BrokenPipeError):  # What it has not read is lost with it.
+                with suppress(BrokenPipeError):  # Bytes that it has not read are lost.
                     process.stdin.close()
 
 
 class GraphPolicy:
-    """The policy of a graph: a function from observations to scores."""
+    """An ONNX graph as a policy: a function from observations to scores."""
 
     def __init__(self, process: subprocess.Popen[bytes], content: bytes, named: str) -> None:
         """Load the graph into the process that computes it; see `computed`."""
@@ -97,7 +97,7 @@ class GraphPolicy:
         """Return the scores of the four actions, shape (B, 4).
 
         Raises:
-            PolicyError: The graph answers otherwise, or takes too much time or memory.
+            PolicyError: The graph returns anything else, or takes too much time or memory.
         """
         count = len(observations)
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
@@ -108,8 +108,8 @@ class GraphPolicy:
         """Send the graph or observations to the process, and return its answer.
 
         Args:
-            content: What is sent.
-            size: The number of bytes of the answer; None for any up to `_LONGEST`.
+            content: The bytes to send.
+            size: The length of the answer in bytes; None for any length up to `_LONGEST`.
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -134,7 +134,7 @@ class GraphPolicy:
             else:
                 least = most = size
             if not least <= length <= most:
-                self._refuse(f"it answers {length} bytes")
+                self._refuse(f"its answer has {length} bytes")
             answer = self._process.stdout.read(length)
             if len(answer) < length:
                 self._refuse_ended(late)
@@ -147,14 +147,14 @@ class GraphPolicy:
     def _refuse_ended(self, late: Event) -> NoReturn:
         if late.is_set():
             self._refuse(f"it takes more than {SECONDS:g} seconds")
-        self._refuse("its process ended, perhaps for want of memory")
+        self._refuse("its process ended, perhaps because memory ran out")
 
     def _refuse(self, reason: str) -> NoReturn:
         raise PolicyError(f"{self._named} is refused: {reason:.300}")
 
 
 def _are_pictures(kind: str, shape: list[int | str | None]) -> bool:
-    """Return whether an input takes square pictures of a size that can be drawn."""
+    """Return whether an input takes square pictures, of a size that we can draw."""
     if kind not in ("tensor(uint8)", "tensor(float)") or len(shape) != 4:
         return False
     _, height, width, channels = shape

@@ -1,7 +1,7 @@
-"""The process that computes an ONNX graph, for `graph.py` alone; nothing else of ours is in it.
+"""The process that runs an ONNX graph for `graph.py`; it imports no other module of ours.
 
-Its memory is limited, and it may open no file. It reads the graph, then batches of observations:
-the number of bytes (`ASKED`), then the bytes. It answers each with a flag for an error and the
+Its memory is limited, and it cannot open files. It reads the graph, then batches of observations,
+each as the number of bytes (`ASKED`) and the bytes. To each it answers with an error flag and the
 number of bytes (`ANSWERED`), then the bytes: a description of the graph's inputs and outputs as
 JSON, scores as float32, or the text of an error.
 """
@@ -15,18 +15,18 @@ import sys
 from typing import BinaryIO
 
 ASKED = struct.Struct("<Q")
-"""The number of bytes that come in."""
+"""The header of a request: its number of bytes."""
 ANSWERED = struct.Struct("<?Q")
-"""Whether an error goes out, and its number of bytes, or those of an answer."""
+"""The header of an answer: whether it is an error, and its number of bytes."""
 
 
 def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
-    """Answer until nothing comes in any more.
+    """Answer requests until the input ends.
 
     Args:
-        incoming: Where the graph and observations come from.
-        outgoing: Where the answers go.
-        memory: The most bytes of memory.
+        incoming: The stream of requests: the graph, then observations.
+        outgoing: The stream for the answers.
+        memory: The maximum memory in bytes.
     """
     import resource  # Not on Windows.
 
@@ -44,11 +44,11 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
     options = onnxruntime.SessionOptions()
     options.intra_op_num_threads = options.inter_op_num_threads = 1
     options.log_severity_level = 4
-    # What is written is computed: optimised, a graph would be run in parts before it is checked.
+    # No optimisation: it would run parts of the graph before the graph is checked.
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     for limit, most in (
         (resource.RLIMIT_AS, memory),
-        (resource.RLIMIT_NOFILE, 0),  # So that no data lie in another file.
+        (resource.RLIMIT_NOFILE, 0),  # So that the graph cannot read data from another file.
         (resource.RLIMIT_CORE, 0),
     ):
         resource.setrlimit(limit, (most, most))
@@ -65,9 +65,9 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
             observations = np.frombuffer(content, dtype).reshape(-1, *shape[1:])
             scores = session.run(None, {name: observations})[0]
             if scores.shape != (len(observations), 4):
-                raise ValueError(f"it answers {scores.shape} to {len(observations)} observations")
+                raise ValueError(f"{len(observations)} observations give an output {scores.shape}")
             send(scores.astype(np.float32).tobytes())
-    except Exception as error:  # Of any kind: the graph is a stranger's.
+    except Exception as error:  # Any error: the graph is not trusted.
         send(f"{type(error).__name__}: {error}".encode(), error=True)
 
 
@@ -77,9 +77,9 @@ TYPES = {
     "tensor(int64)": "int64",
     "tensor(float)": "float32",
 }
-"""Type of observations in a graph -> the same for numpy."""
+"""Type of observations in a graph -> NumPy dtype."""
 
 if __name__ == "__main__":
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # What libraries print is no answer.
+    os.dup2(2, 1)  # Output of libraries must not mix with the answers.
     serve(sys.stdin.buffer, answers, int(sys.argv[1]))

@@ -1,8 +1,8 @@
-"""The stage `judge`: a submission plays the season's labyrinths, and the judge signs the results.
+"""The stage `judge`: evaluate a submission on the season's test, and commit to its results.
 
-The results in full stay private until the season is revealed, as they name labyrinths and say
-which ones were solved. In public is a line with the figures to two decimals and the SHA-256 of the
-results, which commits the judge to them.
+The full results stay private until the season is revealed, because they name the labyrinths and
+say which were solved. What is published is an entry with the figures to two decimals and the
+SHA-256 of the results, which commits the judge to them.
 """
 
 from __future__ import annotations
@@ -37,45 +37,45 @@ _ROW = {
     "results_sha256": Text(r"[0-9a-f]{64}"),
 }
 _DECIMALS = 2
-"""Of figures in public: a hundredth tells one who tries many submissions little of a labyrinth."""
+"""The decimals of published figures: too few to learn about single labyrinths by resubmitting."""
 
 Row = dict[str, Any]
-"""What is published of a submission that was judged, of the shape `_ROW`."""
+"""The published entry of a judged submission, of the shape `_ROW`."""
 
 
 class Judged(NamedTuple):
-    """A submission that was judged."""
+    """A judged submission."""
 
     row: Row
     results: Results
     content: bytes
-    """The file of the results."""
+    """The content of the results file."""
 
 
 def run(run: Run) -> None:
-    """Judge a submission, or judge it again and compare.
+    """Judge a submission; if it was judged before, check that the results are the same.
 
     Raises:
-        ConfigError: The submission is called as a baseline is.
-        DatasetError: There is no such season or submission, the season is revealed, or the
-            submission was judged otherwise before.
-        PolicyError: The policy raises an error, or answers with anything but actions.
+        ConfigError: The submission has a name that is not allowed, such as that of a baseline.
+        DatasetError: The season or the submission does not exist, the season is revealed, or the
+            submission was judged before with other results.
+        PolicyError: The policy raises an error, or returns anything but actions.
     """
     place, named = Place.of(run), run.options.season.submission
     try:
-        Description(named)  # What the results are to say, before a policy plays for hours.
+        Description(named)  # Checked now, before the policy plays for hours.
     except ValueError as error:
         raise ConfigError(f"season.submission: {error}") from error
     season = Season.read(place)
     if place.revealed.exists():
-        raise DatasetError(f"{place.public} is revealed, so that nothing is judged on it any more")
+        raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
     secret = season.require_secret(place.secret)
     with held(place.public, place.judged.name), fetched(named) as submission:
         rows = read_rows(place)
         before = next((each for each in rows if _is_of(each, submission)), None)
         config = season.dataset_of(secret)
         with dataset(run, config) as (data_dir, manifest):
-            season.other_shards(manifest)  # Raises if the content is another.
+            season.other_shards(manifest)  # Raises an error if the content differs.
             signed = None if before is None else before["versions"]
             row, _, content = judged(season, submission, data_dir, config, signed)
         if before is None:
@@ -88,7 +88,7 @@ def run(run: Run) -> None:
     say(f"{named} is judged{again}: SPL {test['spl']:.2f}, SR {test['sr']:.2f}, in {place.judged}")
     if len(rows) > 1:
         chance = by_chance(len(rows), season.labyrinths["test"])
-        say(f"The best of {len(rows)} may owe {chance:.3f} of its figures to being chosen.")
+        say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
 def _is_of(row: Row, submission: Submission) -> bool:
@@ -97,10 +97,10 @@ def _is_of(row: Row, submission: Submission) -> bool:
 
 
 def by_chance(submissions: int, labyrinths: int) -> float:
-    """Return how much too high the best of several equal submissions is at most, in expectation.
+    """Return a bound on the expected overestimate of the best of several equal submissions.
 
-    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k such
-    is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
+    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k of
+    them is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
     """
     return sqrt(log(submissions) / (2 * labyrinths))
 
@@ -112,18 +112,18 @@ def judged(
     config: DatasetConfig,
     signed: Mapping[str, str] | None = None,
 ) -> Judged:
-    """Return what a submission achieves on the test of a season.
+    """Evaluate a submission on the test of a season.
 
     Args:
         season: The season.
-        submission: The policy.
+        submission: The submission.
         data_dir: The folder of the season's dataset.
-        config: The config of that.
-        signed: The versions that the judge signed; None for those of this process.
+        config: The config of that dataset.
+        signed: The library versions that the judge recorded; None for this process's versions.
 
     Raises:
-        PolicyError: The policy raises an error, answers with anything but actions, or cannot be
-            shown these labyrinths.
+        PolicyError: The policy raises an error, returns anything but actions, or does not support
+            these labyrinths.
     """
     judgement = Judgement(
         season=season.name,
@@ -156,7 +156,7 @@ def judged(
 
 
 def _keep(place: Place, number: int, submission: Submission, content: bytes) -> None:
-    """Keep results, and the files of a submission that only the judge has, out of sight."""
+    """Store results privately, and the submission's files, too, if they are not on the Hub."""
     place.private.mkdir(mode=0o700, exist_ok=True)
     files = {f"{number}.json": content}
     if submission.commit is None:
@@ -166,7 +166,7 @@ def _keep(place: Place, number: int, submission: Submission, content: bytes) -> 
 
 
 def read_rows(place: Place) -> list[Row]:
-    """Return what was judged, in its order; raise DatasetError if the list cannot be read."""
+    """Return the judged submissions in order; raise a DatasetError if the list cannot be read."""
     try:
         content = read_json(place.judged)
         check_shape(content, {"season": None, "judged": Each(_ROW)})
@@ -174,7 +174,7 @@ def read_rows(place: Place) -> list[Row]:
         return []
     except (OSError, *MALFORMED) as error:
         raise DatasetError(
-            f"{place.judged} is no list of results: {one_line(error):.300}"
+            f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error
     rows: list[Row] = content["judged"]
     return rows
@@ -183,4 +183,4 @@ def read_rows(place: Place) -> list[Row]:
 def _write_rows(place: Place, season: Season, rows: list[Row]) -> None:
     content = {"season": season.name, "judged": rows}
     text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-    leave(place.public, {place.judged.name: text.encode()}, overwrite=True)  # It has been read.
+    leave(place.public, {place.judged.name: text.encode()}, overwrite=True)  # `rows` has its rows.

@@ -1,4 +1,4 @@
-"""The stage `reveal`: the secret, the results in full, and the submissions that are on no Hub."""
+"""The stage `reveal`: publish the secret, the full results, and submissions not on the Hub."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from pipeline.season.judge import read_rows
 
 
 def run(run: Run) -> None:
-    """Publish the secret of a season and all that was kept with it; the secret comes last.
+    """Publish the private files of a season, and its secret last.
 
     Raises:
-        DatasetError: There is no such season, or results are missing or changed.
+        DatasetError: The season does not exist, or results are missing or changed.
     """
     place = Place.of(run)
     season = Season.read(place)
@@ -32,6 +32,6 @@ def run(run: Run) -> None:
                 files[f"submissions/{number}/{path.name}"] = path.read_bytes()
         files[place.revealed.name] = f"{secret.hex()}\n".encode()
         leave(place.public, files)
-    say(f"{place.public} is revealed: publish it, and stages=verify checks it anywhere.")
+    say(f"{place.public} is revealed: publish it, so that anyone can check it with stages=verify.")
     seed = season.dataset_of(secret).seed
-    say(f"The dataset is that of seed={seed}, with the options in {place.season}.")
+    say(f"The dataset has seed={seed} and the options in {place.season}.")

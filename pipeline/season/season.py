@@ -1,4 +1,4 @@
-"""The stage `season`: a secret, and what is published of the test that follows from it."""
+"""The stage `season`: draw a secret, and publish a commitment to the test that follows from it."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from pipeline.season.commitment import (
 
 
 def run(run: Run) -> None:
-    """Make a season: keep its secret, and publish what the secret commits to.
+    """Start a season: write its secret, and publish the commitment.
 
     Raises:
         ConfigError: There are too few labyrinths.
-        DatasetError: There is a season, or a secret, of this name.
+        DatasetError: A season or a secret of this name exists already.
     """
     place, options = Place.of(run), run.options.season
     count = run.dataset.labyrinths
@@ -39,7 +39,7 @@ def run(run: Run) -> None:
     secret, is_kept = os.urandom(SECRET_BYTES), False
     try:
         with produced(place.public, {"season": options.name}) as made:
-            if made is None:  # By another process, which was waited for.
+            if made is None:  # Another process made it while this one waited.
                 raise exists
             _keep(place.secret, secret)
             is_kept = True
@@ -58,12 +58,12 @@ def run(run: Run) -> None:
 
 
 def _keep(path: Path, secret: bytes) -> None:
-    """Write a secret into a new file, which its owner alone can read."""
+    """Write a secret into a new file that only its owner can read."""
     try:
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
     except FileExistsError as error:
         raise DatasetError(
-            f"{path} exists, without its season: move it away, or choose another season.name"
+            f"{path} exists, but its season does not: move it away, or choose another season.name"
         ) from error
     try:
         with naming(path), os.fdopen(descriptor, "w", encoding="ascii") as file:

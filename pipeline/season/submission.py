@@ -1,4 +1,4 @@
-"""A submission: the files of a policy, pinned by a commit or by their SHA-256, and the policy."""
+"""A submission: a policy and its files, pinned by a commit on the Hub or by their SHA-256."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
 
 
 class Submission(NamedTuple):
-    """A policy that is judged, and what it was read from."""
+    """A policy to judge, and the files that it was loaded from."""
 
     named: str
     commit: str | None
@@ -31,28 +31,28 @@ class Submission(NamedTuple):
     files: dict[str, str]
     """Name -> SHA-256."""
     folder: Path
-    """A copy of the files, and of nothing else."""
+    """A folder with a copy of these files, and nothing else."""
     policy: Any
-    """What `evaluate` takes; it says what it has to be shown."""
+    """A policy that `evaluate` accepts; its attributes name its observation."""
     library: str
-    """The library that computes it."""
+    """The library that runs it."""
 
 
 @contextmanager
 def fetched(
     named: str, folder: Path | None = None, pinned: Mapping[str, Any] | None = None
 ) -> Iterator[Submission]:
-    """Lend a submission.
+    """Load a submission, and yield it; its copied files are removed at the end.
 
     Args:
-        named: An id on the Hub, or a folder or a file; perhaps with `@` and a revision, or the
-            SHA-256 of its weights.
-        folder: Where its files lie, if not there.
+        named: An id on the Hub, a folder or a file; optionally followed by `@` and a revision or,
+            for a folder or a file, the SHA-256 of its weights.
+        folder: The folder of its files, if they are not at `named`.
         pinned: The `commit` and `files` that were judged; None if it is judged for the first time.
 
     Raises:
-        DatasetError: There is no such policy, or it is of another revision than is named or pinned.
-        PolicyError: An ONNX graph takes or answers something else than a policy.
+        DatasetError: The policy does not exist, or differs from the named or pinned revision.
+        PolicyError: An ONNX graph has other inputs or outputs than a policy.
     """
     source, _, revision = named.partition("@")
     with TemporaryDirectory(prefix="labyrinth-submission-") as temporary, ExitStack() as stack:
@@ -76,19 +76,19 @@ def fetched(
 
 
 def _loaded(folder: Path, named: str) -> Any:
-    """Return the policy of a folder of weights."""
+    """Load the policy of a folder with weights."""
     try:
         policy = load_policy(folder)
-    except DatasetError as error:  # The folder is a copy, whose name says nothing.
+    except DatasetError as error:  # Name the original, not the temporary copy.
         raise DatasetError(str(error).replace(str(folder), named)) from error
     import torch
 
-    torch.set_num_threads(1)  # Sums of several threads may be rounded otherwise.
+    torch.set_num_threads(1)  # With several threads, sums may round differently.
     return policy
 
 
 def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the commit of a revision on the Hub, and the names of the files of its policy."""
+    """Return the commit of a revision on the Hub, and the names of its policy's files."""
     if not HUB_ID.fullmatch(source):
         raise DatasetError(f"{source} is neither a folder, a file, nor an id such as user/model")
     from huggingface_hub import HfApi
@@ -103,12 +103,12 @@ def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     commit, held = str(found.sha), {each.rfilename for each in found.siblings or ()}
     if revision is not None and re.fullmatch("[0-9a-f]{40}", revision):
-        _require(source, "what the Hub has", commit, revision)
+        _require(source, "the commit on the Hub", commit, revision)
     return commit, _kind(source, held)
 
 
 def _in_folder(place: Path) -> dict[str, Path]:
-    """Return the files of a policy in a folder, or the only one, by their names."""
+    """Return the files of a policy by name: those in a folder, or a single ONNX graph."""
     if place.is_dir():
         held = {path.name for path in place.iterdir()}
         return {name: place / name for name in _kind(str(place), held)}
@@ -126,7 +126,7 @@ def _kind(place: str, held: set[str]) -> tuple[str, ...]:
 
 
 def _copy(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy files that are small enough, so that what is judged is what is hashed."""
+    """Copy files, so that the hashed bytes are the judged ones; refuse files that are too large."""
     for name, path in files.items():
         try:
             check_size(path, name, path.stat().st_size)
@@ -139,11 +139,11 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
 def _require(named: str, what: str, found: str | None, expected: str) -> None:
     if found != expected:
         raise DatasetError(
-            f"{named}: {what} is of another revision than named: it is "
+            f"{named}: {what} differs from the named revision: it is "
             f"{found or 'missing':.16}, not {expected:.16}"
         )
 
 
 def versions(library: str) -> dict[str, str]:
-    """Return the versions of what a policy is judged with."""
+    """Return the versions of the libraries that judge a policy."""
     return {name: version(name) for name in ("labyrinth-datasets", "numpy", library)}

@@ -1,4 +1,4 @@
-"""The stage `verify`: a revealed season made again, and each submission judged again."""
+"""The stage `verify`: rebuild the test of a revealed season, and judge each submission again."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from pipeline.season.judge import Row, judged, read_rows
 from pipeline.season.submission import fetched, versions
 
 EQUAL = "yes"
-"""What is shown of a submission whose results come out again to the last bit."""
+"""Shown for a submission whose results are reproduced to the last bit."""
 
 
 def run(run: Run) -> None:
-    """Verify a season from what is published of it, and print what differs.
+    """Verify a season from its published files, and print all differences.
 
     Raises:
-        DatasetError: There is no such season, it is not revealed, or something differs.
+        DatasetError: The season does not exist, is not revealed, or cannot be confirmed.
     """
     place = Place.of(run)
     season = Season.read(place)
@@ -50,23 +50,23 @@ def run(run: Run) -> None:
 
 
 def _other_files(season: Season, paths: list[str]) -> int:
-    """Say whether the files of the test are those committed to; return 1 if nothing explains it."""
-    say(f"{season.name}: the secret and the content of the test are those committed to.")
+    """Compare the files of the test with the commitment; return 1 for an unexplained difference."""
+    say(f"{season.name}: the secret and the content of the test match the commitment.")
     if not paths:
-        say(f"All {len(season.shards)} files of the test are equal to the last bit.")
+        say(f"All {len(season.shards)} files of the test are identical.")
         return 0
     here, then = build_versions(), season.versions
     unlike = [f"{name} {then.get(name)}, here {here[name]}" for name in here]
     unlike = [line for line, name in zip(unlike, here, strict=True) if then.get(name) != here[name]]
-    why = f"written by {'; '.join(unlike)}" if unlike else "though by the same versions"
-    say(f"{len(paths)} of {len(season.shards)} files have that content in other bytes, {why}.")
+    why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"
+    say(f"{len(paths)} of {len(season.shards)} files have other bytes for this content, {why}.")
     return int(not unlike)
 
 
 def _judged_again(
     place: Place, season: Season, number: int, row: Row, known: KnownDataset
 ) -> tuple[str, str]:
-    """Return the figures of a submission that is judged again, and `EQUAL` or what differs."""
+    """Judge a submission again; return its figures, and `EQUAL` or the difference."""
     revealed = place.public / "results" / f"{number}.json"
     folder = None if row["commit"] else place.public / "submissions" / str(number)
     try:
@@ -76,11 +76,11 @@ def _judged_again(
             here = versions(submission.library)
         figures = _shown(again.row["figures"]["test"])
         if not revealed.is_file() or file_sha256(revealed) != row["results_sha256"]:
-            return figures, f"no: results/{revealed.name} is not what was committed to"
+            return figures, f"no: results/{revealed.name} does not match the commitment"
         if again.row == row:
             return figures, EQUAL
         if again.row["results_sha256"] == row["results_sha256"]:
-            return figures, f"no: {place.judged.name} says something else than the results"
+            return figures, f"no: {place.judged.name} contradicts the results"
         told = Results.load(revealed, lambda _: known).splits
     except (DatasetError, PolicyError) as error:
         return "-", f"no: {error}"
@@ -92,7 +92,7 @@ def _judged_again(
 
 
 def _self_reported(path: Path, known: KnownDataset) -> bool:
-    """Say what results claim that were not judged from weights; return whether they are refused."""
+    """Print self-reported results, which no judge has verified; return whether they are refused."""
     try:
         results = Results.load(path, lambda _: known)
         results.require_dataset(known)
@@ -102,7 +102,7 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
         say(f"self-reported, and refused: {error}")
         return True
     test, name = results.splits["test"], results.method.name if results.method else path.name
-    say(f"self-reported, so perhaps invented: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
+    say(f"self-reported, not verified: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
     return False
 
 

@@ -1,8 +1,8 @@
-"""The state of a training run in one file, from which an interrupted run continues exactly.
+"""Save and restore a training run, so that an interrupted run continues exactly.
 
-Tensors and arrays are entries of a safetensors file; everything else is one JSON text in its
-header. The file is replaced as a whole, so that weights, optimizer states, random states and
-history always belong together.
+A checkpoint is one safetensors file: tensors and arrays are its entries, and everything else is
+JSON in its header. The file is replaced atomically, so that weights, optimizer states, random
+states and history always belong together.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ Tensors = dict[str, Tensor]
 
 @dataclass
 class Progress:
-    """What a run has done so far."""
+    """The progress of a run."""
 
     epoch: int = 0
     seconds: float = 0.0
-    """The time spent training, summed over interruptions."""
+    """The training time, without interruptions."""
     history: list[dict[str, float]] = field(default_factory=list)
-    """The figures of each epoch."""
+    """The metrics of each epoch."""
     best: dict[str, float] | None = None
-    """The figures of the epoch whose policy is kept."""
+    """The metrics of the epoch whose policy is kept."""
     stale: int = 0
-    """The number of evaluations since the SR on validation last improved."""
+    """The number of evaluations since `Learner.selected_by` last improved."""
     weights: Tensors = field(default_factory=dict)
     """The weights of the policy that is kept."""
 
 
 def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str, Any]) -> None:
-    """Write a checkpoint, from which only a run with the same identity continues, atomically."""
+    """Write a checkpoint atomically; only a run with the same identity can continue from it."""
     tensors, plain = state_of(learner)
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
     tensors["random/cpu"] = torch.get_rng_state()
@@ -63,8 +63,8 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
         DatasetError: The file cannot be read, or belongs to another run.
     """
     tensors, state = load_tensors(path, "state")
-    advice = f": {INSTEAD}, or give overwrite=true to begin anew"
-    require_same(f"{path} is of a run", state["run"], identity, advice)
+    advice = f": {INSTEAD}, or give overwrite=true to start again"
+    require_same(f"{path} belongs to a run", state["run"], identity, advice)
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])
@@ -74,7 +74,7 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
 
 
 def identity_in(path: Path) -> dict[str, Any]:
-    """Return what determines the run whose checkpoint a file is.
+    """Return the identity of the run that wrote a checkpoint.
 
     Raises:
         DatasetError: The file cannot be read.
@@ -84,10 +84,10 @@ def identity_in(path: Path) -> dict[str, Any]:
 
 
 def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
-    """Return everything that a learner changes, as tensors and as plain values.
+    """Return the learner's state: its tensors, and its values that fit into JSON.
 
     Raises:
-        ConfigError: An attribute is of a type that checkpoints do not support.
+        ConfigError: An attribute has a type that checkpoints do not support.
     """
     tensors: Tensors = {}
     plain: dict[str, Any] = {}
@@ -105,14 +105,14 @@ def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
             plain[name] = value
         else:
             raise ConfigError(
-                f"the method's attribute {name} is of the type {type(value).__name__}, which a "
-                "checkpoint does not keep: it keeps networks, optimizers, arrays and numbers"
+                f"the method's attribute {name} has the type {type(value).__name__}, which a "
+                "checkpoint cannot save: it saves networks, optimizers, arrays and numbers"
             )
     return tensors, plain
 
 
 def restore(learner: Learner, tensors: Tensors, plain: dict[str, Any]) -> None:
-    """Give a learner the state that `state_of` returned."""
+    """Set a learner's state to one that `state_of` returned."""
     for name, value in _attributes(learner):
         if isinstance(value, nn.Module):
             value.load_state_dict(_within(tensors, name))

@@ -1,4 +1,4 @@
-"""The training loop of all methods: an epoch, an evaluation on validation, the best policy kept."""
+"""The training loop of all methods: train an epoch, evaluate, and keep the best policy."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import Learner
 
 CHECKPOINT_SECONDS = 30.0
-"""The least time between two checkpoints."""
+"""The minimum time between two checkpoints."""
 
 
 def fit(
@@ -29,24 +29,24 @@ def fit(
     report: Callable[[Progress], None],
     checkpoint_seconds: float = CHECKPOINT_SECONDS,
 ) -> Progress:
-    """Train until the last epoch, or until the protocol stops; continue from a checkpoint.
+    """Train until the last epoch or early stopping, and return the run's progress.
 
-    The policy that is kept is the one with the highest figure that the method selects by, usually
-    the SR on validation; on a tie the latest, or the first if the protocol says so.
+    The policy with the highest `Learner.selected_by` is kept, usually the SR on validation; on a
+    tie the latest, or the first with `protocol.first_of_equals`.
 
     Args:
         learner: A fresh learner.
-        judge: Returns success rates of the policy, among them `validation_sr`; called every
+        judge: Returns the success rates of a policy, among them `validation_sr`; called every
             `evaluate_every` epochs, and after the last epoch.
-        protocol: When to stop.
-        path: The file of the checkpoint; if it exists, training continues from there.
-        identity: What determines the run.
+        protocol: When to stop early.
+        path: The checkpoint; if it exists, training continues from it.
+        identity: Everything that determines the run's weights.
         report: Called after every epoch.
-        checkpoint_seconds: The least time between two checkpoints; they are written after epochs.
+        checkpoint_seconds: The minimum time between two checkpoints; they are written after epochs.
 
     Raises:
-        ConfigError: A loss is not finite, the method returns no loss, or it has a state that no
-            checkpoint keeps. The last checkpoint stays as it is.
+        ConfigError: A metric is not finite, the method returns no loss, or its state cannot be
+            saved in a checkpoint. The last checkpoint stays unchanged.
     """
     checkpoint.state_of(learner)
     progress = checkpoint.load(path, learner, identity) if path.exists() else Progress()
@@ -59,7 +59,7 @@ def fit(
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
         if progress.epoch == 1:
-            checkpoint.state_of(learner)  # What is needed last is tried first.
+            checkpoint.state_of(learner)  # Fail now, not when the first checkpoint is due.
         if progress.epoch % every == 0 or progress.epoch == epochs:
             figures |= judge(NetworkPolicy(learner.policy))
         now = time.perf_counter()
@@ -76,7 +76,7 @@ def fit(
 
 
 def _select(learner: Learner, progress: Progress, *, first_of_equals: bool) -> None:
-    """Keep the current policy unless an earlier one was better."""
+    """Keep the current policy if it is the best so far."""
     figures, name = progress.history[-1], learner.selected_by
     best = -inf if progress.best is None else progress.best[name]
     better = figures[name] > best
@@ -88,10 +88,10 @@ def _select(learner: Learner, progress: Progress, *, first_of_equals: bool) -> N
 
 
 def _plain(figures: Any) -> dict[str, float]:
-    """Return what an epoch returned, as a dictionary of Python's numbers.
+    """Return the metrics of an epoch as Python numbers.
 
     Raises:
-        ConfigError: It is something else, or has no loss.
+        ConfigError: `figures` is not a dictionary of numbers, or has no loss.
     """
     try:
         plain = {
@@ -102,8 +102,8 @@ def _plain(figures: Any) -> dict[str, float]:
     except (AttributeError, LookupError, RuntimeError, TypeError, ValueError) as error:
         returned = " ".join(repr(figures).split())
         raise ConfigError(
-            f"the method's epoch returned {returned:.100}: it has to return numbers by name, the "
-            'loss among them, such as {"loss": 0.5}'
+            f"the method's epoch returned {returned:.100}: it has to return a dictionary of "
+            'numbers with the loss, such as {"loss": 0.5}'
         ) from error
     return plain
 
@@ -112,6 +112,6 @@ def _require_finite(figures: Mapping[str, float], epoch: int, rate: float) -> No
     for name, value in figures.items():
         check(
             isfinite(value),
-            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, from where training "
-            "cannot go on; give a lower one. Nothing that was there is changed",
+            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, so that training "
+            "cannot continue; give a lower rate. Existing files are unchanged",
         )

@@ -1,4 +1,4 @@
-"""The file of a run's policy: weights in the safetensors format, which holds no code."""
+"""Save and load the policy of a run: its weights as safetensors, a format that cannot hold code."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ INSTEAD = "choose another run_dir"
 
 
 def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:
-    """Write tensors and texts into one file, atomically."""
-    # Cloned because networks may share weights, which the format cannot express.
+    """Write tensors and texts into one safetensors file, atomically."""
+    # Cloned because the format cannot express weights that networks share.
     owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
     write_bytes(path, save(owned, metadata))
 
@@ -33,7 +33,7 @@ def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, 
 def load_tensors(
     path: Path, text: str, device: torch.device | str = "cpu"
 ) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Return the tensors of a file, and what one of its texts, named `text`, says in JSON.
+    """Return the tensors of a file, and the value of its metadata entry `text`, parsed from JSON.
 
     Raises:
         DatasetError: The file does not exist, or cannot be read.
@@ -43,14 +43,14 @@ def load_tensors(
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             return tensors, json.loads((file.metadata() or {})[text])
     except FileNotFoundError as error:
-        raise DatasetError(f"{path} is not there: stages=train makes it") from error
+        raise DatasetError(f"{path} does not exist: stages=train makes it") from error
     except (OSError, SafetensorError, *MALFORMED) as error:
         reason = f"{path} cannot be read: {one_line(error)}"
-        raise DatasetError(f"{reason}; remove it to begin anew with stages=train") from error
+        raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
 
 
 def save_policy(path: Path, tensors: dict[str, Tensor], spec: NetworkSpec) -> None:
-    """Write the weights of a policy and the shape of its network, atomically."""
+    """Write the weights of a policy and the specification of its network, atomically."""
     save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
 
 
@@ -60,13 +60,13 @@ def read_policy(
     device: torch.device | str = "cpu",
     make: Callable[[NetworkSpec], nn.Module] = Network,
 ) -> NetworkPolicy:
-    """Return the policy of a file.
+    """Load a policy from a file.
 
     Args:
         path: A file that `save_policy` wrote.
-        spec: The shape of the network that is expected.
+        spec: The network that the file is expected to hold.
         device: The device to compute on.
-        make: Returns the network, with any weights: `Learner.make` of the method.
+        make: Builds the network, whose weights are then replaced: `Learner.make` of the method.
 
     Raises:
         DatasetError: The file does not exist, or holds the policy of another network.
@@ -85,13 +85,13 @@ def read_policy(
 def require_same(
     thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
-    """Raise a DatasetError that names each difference from the description that is required."""
+    """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
     if differing := differences(options_of(actual), options_of(required)):
         raise DatasetError(f"{thing} with {differing}{advice}")
 
 
 def options_of(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a description, in which each setting has the name of its option."""
+    """Return a run's description with each setting under the name of its option, `method.NAME`."""
     options = {name: value for name, value in description.items() if name != "settings"}
     settings = description.get("settings", {})
     return options | {f"method.{name}": value for name, value in settings.items()}

@@ -1,4 +1,4 @@
-"""The files of a finished run: `run.json`, with the hashes of the others, and learning curves."""
+"""The record of a finished run: `run.json`, with hashes of the other files, and learning curves."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ BOARD = "tensorboard"
 FORMAT = 1
 
 OURS = (RECORD, POLICY, CURVES, f"{Path(RESULTS).stem}*.json")
-"""Patterns of the names of files in the folder of a run; a person may have others there."""
+"""File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 
 def training_versions() -> dict[str, str]:
-    """Return the versions of this package, of Python and of the libraries that affect weights."""
+    """Return the versions of this package, of Python, and of the libraries that affect weights."""
     libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
     return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
 
@@ -43,23 +43,23 @@ def write_record(
     progress: Progress,
     computed: Mapping[str, Any],
 ) -> None:
-    """Write `run.json` and then `curves.png` into a folder that holds the policy of a run.
+    """Write `run.json` and then `curves.png` into the folder that holds the policy of a run.
 
-    A picture that cannot be drawn is left out, and one line says why.
+    If the curves cannot be drawn, they are left out, and one line says why.
 
     Args:
-        folder: The folder.
-        name: The name of the run, for the picture.
-        identity: What determines the run: method, settings, encoder, seed, dataset, ...
-        progress: What the run has done.
+        folder: The folder of the run.
+        name: The name of the run, for the title of the curves.
+        identity: Everything that determines the run's weights: method, settings, seed, dataset, ...
+        progress: The progress of the finished run.
         computed: The device and the number of threads.
     """
     files, picture = {POLICY: file_sha256(folder / POLICY)}, None
     try:
         picture = _curves(name, progress.history)
         files[CURVES] = hashlib.sha256(picture).hexdigest()
-    except Exception as error:  # Of any kind: no picture is worth a policy.
-        say(f"{CURVES} is left out, as it cannot be drawn: {one_line(error):.300}")
+    except Exception as error:  # Any error: a plot must never cost the policy.
+        say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     content = {
         "format": FORMAT,
         "run": identity,
@@ -96,7 +96,7 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def open_board(folder: Path) -> Any:
-    """Return a writer of figures for TensorBoard into `tensorboard/`.
+    """Return a TensorBoard `SummaryWriter` for the folder `tensorboard/` of a run.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -110,8 +110,8 @@ def open_board(folder: Path) -> Any:
 
 
 def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
-    """Return a plot of losses and success rates by epoch, as a PNG."""
-    # Inherited from a notebook, it may name what is not installed here: importing would fail.
+    """Return a PNG with the losses and success rates by epoch."""
+    # Inherited from a notebook, it may name a backend that is not installed here.
     os.environ.pop("MPLBACKEND", None)
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

@@ -1,8 +1,8 @@
-"""The stage `train`: trains a policy on a dataset, in a folder of its own.
+"""The stage `train`: train a policy on a dataset.
 
-The folder is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It appears whole, with
-`policy.safetensors`, `curves.png` and `run.json`: until then the checkpoint of the run is in a
-hidden folder beside it, and an earlier run stays in its place.
+The folder of a run is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It appears when the run
+is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint is
+in a hidden folder next to it, and an earlier run keeps its place.
 """
 
 from __future__ import annotations
@@ -39,15 +39,15 @@ from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
 
 
 def refuse(run: Run) -> None:
-    """Raise a ConfigError if the method or a setting is impossible, before any stage works."""
+    """Check the method and its settings before any stage starts; raise a ConfigError."""
     find(run.options.method_name, run.options.method, run.options.protocol)
 
 
 def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
-    """Train the policy of a run, unless it is finished; continue an interrupted run.
+    """Train the policy of a run, unless it is finished already; continue an interrupted run.
 
     Raises:
-        ConfigError: A setting or the device is impossible, or an extra is missing.
+        ConfigError: A setting is not allowed, the device does not exist, or an extra is missing.
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
@@ -67,7 +67,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
                 if method.protocol:
                     _tell_changes(run.options, settings)
                 done = _train(run, made, path, identity, checkpoint_seconds)
-        remove(working)  # Until now, the next process would go on from the checkpoint.
+        remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         say(f"{folder} is complete already.")
         return
@@ -82,7 +82,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
 def _train(
     run: Run, folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
 ) -> Progress:
-    """Train a policy, with a checkpoint at a path, and write what it leaves into a folder."""
+    """Train a policy with its checkpoint at `path`, and write the run's files into `folder`."""
     options = run.options
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
@@ -96,7 +96,7 @@ def _train(
                 protocol = PROTOCOLS[options.protocol]
                 done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
         finally:
-            with suppress(OSError):  # Of a run that is to go on, it holds a checkpoint.
+            with suppress(OSError):  # It is not empty if an interrupted run left a checkpoint.
                 path.parent.rmdir()
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
     computed = {"device": device.type, "threads": torch.get_num_threads()}
@@ -105,16 +105,16 @@ def _train(
 
 
 def choose_device(options: TrainingOptions) -> torch.device:
-    """Return the device to compute on; set the number of threads.
+    """Set the number of threads, and return the device to compute on.
 
     Raises:
-        ConfigError: There is no such device.
+        ConfigError: The device does not exist.
     """
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     available = torch.cuda.is_available()
     if options.device == "cuda" and not available:
-        raise ConfigError("device=cuda: there is none here; choose cpu or auto")
+        raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
@@ -137,12 +137,11 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
 
 
 def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
-    """Return a function that loads a split, observed as the policy of a run observes it.
+    """Return a function that loads a split with the run's observation, or with another one.
 
-    Another observation can be its second argument.
-
-    If the run learns from the first labyrinths of train only, splits that are derived from train
-    hold these labyrinths only: the others have structures that are new to the policy.
+    The function takes the split and, optionally, the observation. If the run learns from the first
+    labyrinths of train only, it loads only these of each split that is derived from train: the
+    others have structures that are new to the policy.
     """
     options = run.options
 
@@ -170,7 +169,7 @@ def spec_of(run: Run) -> NetworkSpec:
 def prepare(
     run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
-    """Return a fresh learner, and what evaluates its policy on train and validation."""
+    """Return a fresh learner, and a function that evaluates a policy on train and validation."""
     options = run.options
     spec, source, config = spec_of(run), run.source, run.dataset.name
     train = loader_of(run)("train")
@@ -212,7 +211,7 @@ def prepare(
 
 
 def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
-    """Print the settings in which a run differs from a protocol that has its own settings."""
+    """Print the settings of a run that differ from those of its protocol."""
     usual = asdict(type(settings)())
     changed = [
         f"method.{name}={value:,} instead of {usual[name]:,}"
@@ -224,7 +223,7 @@ def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
 
 
 def _rate(player: Player, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves, by look-ups if it remembers nothing."""
+    """Return the share of labyrinths that a policy solves; by look-ups if it has no memory."""
     if player.forgets:
         return success_rate(player.act, arrays)
     return float(step_through(player, arrays, 1).solved.mean())
@@ -234,7 +233,7 @@ def _rate(player: Player, arrays: LabyrinthArrays) -> float:
 def _reporting(
     options: TrainingOptions, epochs: int, folder: Path
 ) -> Iterator[Callable[[Progress], None]]:
-    """Lend the function that shows and logs the progress of a run after every epoch."""
+    """Yield a function that displays and logs the progress of a run after an epoch."""
     written = 0
 
     def report(done: Progress) -> None:

@@ -1,7 +1,7 @@
-"""What the scripts of this folder share: the episodes as our loader gives them, and a report.
+"""Shared code of the scripts of this folder: the episodes that our loader returns, and the report.
 
-Each is run by `scripts/check_clients.py` in the virtual environment of its client, with the folder
-of the check as its argument.
+`scripts/check_clients.py` runs each script in the virtual environment of its client, with the
+folder of the check and the name of the client as its arguments.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ IDS = {split: f"labyrinth/{CONFIG}/{split}-v0" for split in SPLITS}
 
 
 class Episode(NamedTuple):
-    """One episode, as a client has read it or as our loader gives it."""
+    """One episode, as read by a client or by our loader."""
 
     observations: Any
     """The T + 1 pictures, uint8 (T + 1, 64, 64, 3)."""
     actions: Any
     rewards: Any
-    """The T rewards; None if the client has none."""
+    """The T rewards; None if the client does not read them."""
     terminated: Any = None
     """Whether it ends on the goal; None if the client does not say."""
 
 
 def expected(split: str) -> Iterator[Episode]:
-    """Yield the episodes of a split as `load_episodes` gives them."""
+    """Yield the episodes of a split that `load_episodes` returns."""
     arrays = np.load(FOLDER / "reference" / f"{split}.npz")
     state = step = 0
     observations, actions, rewards = (arrays[k] for k in ("observations", "actions", "rewards"))
@@ -49,7 +49,7 @@ def expected(split: str) -> Iterator[Episode]:
 
 
 def compare(found: Iterable[Episode], split: str) -> int:
-    """Return the number of transitions, after comparing each value; exit where one differs."""
+    """Compare each value with ours, and return the number of transitions; exit if one differs."""
     count = 0
     for number, (theirs, ours) in enumerate(zip(found, expected(split), strict=True)):
         for name, value, own in zip(Episode._fields, theirs, ours, strict=True):
@@ -64,11 +64,11 @@ def compare(found: Iterable[Episode], split: str) -> int:
 
 
 def fitted(batches: Iterable[tuple[Any, Any]], steps: int = 30) -> str:
-    """Return how the loss of a small network fell in some steps of Adam, in words.
+    """Train a small network with Adam, and say in words how the loss fell.
 
     Args:
         batches: Pictures, float from 0 to 1, (B, 3, 64, 64), and actions, int64 (B,).
-        steps: The number of batches to take.
+        steps: The number of batches to train on.
     """
     import torch
     from torch import nn
@@ -89,7 +89,7 @@ def fitted(batches: Iterable[tuple[Any, Any]], steps: int = 30) -> str:
 
 
 def fall(losses: list[float]) -> str:
-    """Return in words how losses fell; exit if they did not."""
+    """Say in words how the losses fell; exit if they did not fall."""
     few = max(1, len(losses) // 5)
     first, last = np.mean(losses[:few]), np.mean(losses[-few:])
     if not last < first:
@@ -98,6 +98,6 @@ def fall(losses: list[float]) -> str:
 
 
 def report(packages: Iterable[str], compared: str, trained: str = "") -> None:
-    """Print what came of the check as JSON, in the last line."""
+    """Print the results of the check as JSON, in the last line."""
     versions = {package: version(package) for package in packages}
     print(json.dumps({"versions": versions, "compared": compared, "trained": trained}))

@@ -1,4 +1,4 @@
-"""maze-dataset: the recipe finds the test mazes that docs/analysis.md counts in train."""
+"""maze-dataset: check that the recipe counts the test mazes in train as docs/analysis.md does."""
 
 from __future__ import annotations
 

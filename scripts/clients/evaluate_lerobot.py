@@ -1,7 +1,7 @@
-"""LeRobot: the recipe acts as LeRobot's own functions do, picture by picture.
+"""LeRobot: check that the recipe chooses the same actions as LeRobot's own functions.
 
-The policy learns from an export by behavioural cloning, and is then evaluated. It is a Gaussian
-actor, as ACT of LeRobot 0.6.1 reads `observation.state`, which labyrinths do not have.
+The policy is trained on an export by behavioural cloning, and then evaluated. It is a Gaussian
+actor, because ACT of LeRobot 0.6.1 reads `observation.state`, which labyrinths do not have.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ PLACE, STEPS = FOLDER / "policy", 600
 
 
 def train() -> str:
-    """Save a policy with its processors, and return how its loss fell."""
+    """Train and save a policy with its processors; return how its loss fell."""
     torch.manual_seed(0)
     dataset = LeRobotDataset(IDS["train"], root=EXPORTS / "lerobot" / IDS["train"])
     config = GaussianActorConfig(
@@ -62,7 +62,7 @@ def train() -> str:
 
 @torch.inference_mode()
 def answer_to(policy: Any, before: Any, after: Any, picture: Any) -> float:
-    """Return what LeRobot's own functions answer to one picture: an action as a number."""
+    """Return the action, as a number, that LeRobot's own functions choose for one picture."""
     policy.reset()
     return after(policy.select_action(before(preprocess_observation({"pixels": picture})))).item()
 
@@ -74,7 +74,7 @@ policy = GaussianActorPolicy.from_pretrained(PLACE)
 processors = make_pre_post_processors(policy.config, str(PLACE))
 pictures = np.concatenate([episode.observations for episode in expected("train")])
 answers = np.array([answer_to(policy, *processors, picture) for picture in pictures])
-clear = np.abs(answers % 1 - 0.5) > 1e-3  # A batch is summed in another order than one picture.
+clear = np.abs(answers % 1 - 0.5) > 1e-3  # Batches are summed in another order: skip near ties.
 theirs = answers.round().clip(0, 3)[clear]
 ours = recipe["LeRobotPolicy"](str(PLACE)).act(pictures).numpy()[clear]
 if (ours != theirs).any() or len(set(ours.tolist())) < 4 or clear.mean() < 0.99:

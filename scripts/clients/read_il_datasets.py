@@ -1,4 +1,4 @@
-"""IL-Datasets, of the benchmark's authors: a release on the Hub as it is."""
+"""IL-Datasets, by the benchmark's authors: read a release directly from the Hub."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from imitation_datasets.dataset import BaselineDataset
 
 pairs = 0
 for split in IDS:
-    # Pictures of the release have 600 x 600 pixels, so that 1 in 30 pairs is compared.
+    # Pictures of the release have 600 x 600 pixels, so only 1 in 30 pairs is compared.
     release = BaselineDataset("user/labyrinth", source="huggingface", hf_split=split)
     full = dict(np.load(EXPORTS.parent / "reference" / f"{split}-600.npz"))
     assert np.array_equal(release.actions[:, 0], full["actions"])

@@ -1,4 +1,4 @@
-"""imitation: load trajectories, and train behavioural cloning as the library does it."""
+"""imitation: load trajectories, and train with the library's behavioural cloning."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""inspect-ai: the tasks of a release's eval.yaml, and that of examples/language_model.py.
+"""inspect-ai: run the tasks of a release's eval.yaml, and the task of examples/language_model.py.
 
-Its mock model answers, so that what has to come out is known.
+A mock model answers, so that the correct scores are known.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ questions = [row for split in rows.values() for row in split]
 
 
 def answering(answer: Callable[[dict[str, Any]], str]) -> Model:
-    """Return a model that answers each question as a function of its row does."""
+    """Return a mock model that answers each question with a function of its row."""
 
     def reply(messages: list[Any], *_: object) -> ModelOutput:
         (message,) = messages
@@ -34,14 +34,14 @@ def answering(answer: Callable[[dict[str, Any]], str]) -> Model:
             if (each["image_url"] in pictures if pictures else each["prompt"] in message.text)
         )
         output = ModelOutput.from_content("mockllm/model", answer(row))
-        output.usage = ModelUsage()  # Else tokens are counted, by a file of another server.
+        output.usage = ModelUsage()  # Otherwise counting tokens would download a file.
         return output
 
     return get_model("mockllm/model", custom_outputs=reply)
 
 
 def figures(tasks: Any, answer: Callable[[dict[str, Any]], str]) -> list[dict[str, float]]:
-    """Return the figures of each task, but for standard errors, when a model answers so."""
+    """Return the metrics of each task, without standard errors, for a model with these answers."""
     logs = inspect_ai.eval(tasks, model=answering(answer), display="none", log_dir=f"{FOLDER}/logs")
     assert all(log.status == "success" for log in logs), [log.error for log in logs]
     return [

@@ -1,6 +1,6 @@
-"""LeRobot: its data set and its table of episodes, and a few steps on batches of a DataLoader.
+"""LeRobot: compare the dataset and the table of episodes, and train with a DataLoader.
 
-As `lerobot-release` it reads the split train from the Hub, by the id alone.
+As client `lerobot-release` it reads the split train from the Hub, given only the id.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ for split, dataset in datasets.items():
     for theirs, row in zip(dataset.meta.episodes, ours, strict=True):
         assert {name: theirs[name] for name in row} == row
 
-if CLIENT == "lerobot":  # An episode of its own, appended to a copy, and read with ours.
+if CLIENT == "lerobot":  # Append an episode to a copy with LeRobot, and read it with ours.
     with TemporaryDirectory() as folder:
         copy = Path(shutil.copytree(datasets["train"].root, f"{folder}/copy"))
         longer = LeRobotDataset.resume(IDS["train"], root=copy)

@@ -1,6 +1,6 @@
 """Minari: load, sample, filter and split, and replay every episode in the recovered environment.
 
-As `minari-release` it downloads the group from the Hub first, by its own command line.
+As client `minari-release` it first downloads the datasets from the Hub with Minari's command line.
 """
 
 from __future__ import annotations

@@ -1,9 +1,9 @@
-"""A stand-in for torchvision, for a client that imports it and needs no more of it than `ToTensor`.
+"""Run a script with a stub of torchvision, for a client that uses only `ToTensor` of it.
 
     python torchvision_stand_in.py SCRIPT ARGUMENTS
 
-runs a script with it. The package of that name brings a torch with gigabytes for GPUs. IL-Datasets
-uses `ToTensor` alone to read data; the rest are names that can be imported.
+The real package would install a torch with gigabytes for GPUs. IL-Datasets uses only `ToTensor` to
+read data; the stub's other names can be imported, but do nothing.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import torch
 
 
 class ToTensor:
-    """As in torchvision: a picture (height, width, 3) becomes (3, height, width), from 0 to 1."""
+    """Like torchvision's: turns a picture (height, width, 3) into (3, height, width), 0 to 1."""
 
     def __call__(self, picture: Any) -> torch.Tensor:
         """Return the tensor, float32."""
@@ -27,14 +27,14 @@ class ToTensor:
 
 
 def empty_class(name: str) -> type:
-    """Return an empty class for a name that is imported and not used."""
+    """Return an empty class for a name that is imported, but not used."""
     if name.startswith("__"):
         raise AttributeError(name)
     return type(name, (), {})
 
 
 def install() -> None:
-    """Let `import torchvision` find the stand-in."""
+    """Make `import torchvision` return the stub."""
     parents: dict[str, ModuleType] = {}
     for name in (
         "torchvision",

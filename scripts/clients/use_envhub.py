@@ -1,4 +1,4 @@
-"""LeRobot's EnvHub: the environment of a release, whose labyrinths are those of its split."""
+"""LeRobot's EnvHub: check that a release's environment has the labyrinths of its splits."""
 
 from __future__ import annotations
 

@@ -4,11 +4,11 @@
     python scripts/studies/compare_environments.py --workers 2
     python scripts/studies/compare_environments.py --environments Labyrinth --seeds 100000
 
-An expert plays each environment from many seeds. The episodes of even and of odd seeds are two
-samples on which a benchmark might train and evaluate; the differences between them are measured
-(supplement, section 5). `--folder` gets `environments.md`, `.csv` and `.json`, the maps of visits
-`visits.png` and `visits.svg`, and the kept episodes: an interrupted run continues, and more seeds
-play only the additional ones. The original has 100,000 seeds.
+An expert plays each environment with many seeds. The episodes with even seeds and those with odd
+seeds are two samples, on which a benchmark might train and evaluate; this script measures how they
+differ (supplement, section 5). It writes to `--folder`: `environments.md`, `.csv` and `.json`, the
+maps of visits `visits.png` and `visits.svg`, and summaries of the episodes, from which a later run
+continues, also with more seeds. The original has 100,000 seeds.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.machinery.executor import ordered_map
 
 CHUNK = 100
-"""The number of seeds whose episodes are played and kept together."""
+"""The number of seeds whose episodes are played and saved together."""
 PILOTS = 32
-"""The number of episodes from which the discretisation is made."""
+"""The number of episodes from which the discretisation is derived."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """Seeds of an environment to play, in this process or another."""
+    """Seeds of an environment to play, in this process or in a worker."""
 
     name: str
     dataset: DatasetConfig
@@ -63,16 +63,16 @@ def compare(
     chunk: int = CHUNK,
     pilots: int = PILOTS,
 ) -> None:
-    """Compare environments, and write the report on them.
+    """Compare environments, and write the report.
 
     Args:
-        folder: The folder of the report and of the kept episodes.
+        folder: The folder of the report and of the saved summaries.
         names: Names in `FACTS`.
         dataset: Size, task and sampler of the labyrinths, and the seed of the permutations.
         seeds: The number of episodes of each environment.
         workers: The number of processes.
-        chunk: The number of seeds that are kept together.
-        pilots: The number of episodes from which the discretisation is made.
+        chunk: The number of seeds that are saved together.
+        pilots: The number of episodes from which the discretisation is derived.
 
     Raises:
         LabyrinthError: Labyrinths of this size cannot hold the task.
@@ -97,7 +97,7 @@ def compare(
 
 
 def job_of(folder: Path, name: str, dataset: DatasetConfig, seeds: range, pilots: int) -> Job:
-    """Return the seeds of an environment as a job, whose folder is named after what it plays."""
+    """Return a job for an environment; the name of its folder identifies the episodes."""
     environment = environment_of(name, dataset)
     discretisation = Discretisation.around(environment, map(environment.play, range(pilots)))
     made_of = _made_of(name, dataset) | {"points": discretisation.fingerprint}
@@ -108,7 +108,7 @@ def job_of(folder: Path, name: str, dataset: DatasetConfig, seeds: range, pilots
 
 
 def _made_of(environment: str, dataset: DatasetConfig) -> dict[str, Any]:
-    """Return everything that determines the episodes of an environment, in plain types."""
+    """Return everything that determines the episodes of an environment, as plain types."""
     if environment == LABYRINTH:
         values = dataset.to_json()
         made_of = {key: values[key] for key in ("height", "width", "task", "sampler", "open_walls")}
@@ -120,7 +120,7 @@ def _made_of(environment: str, dataset: DatasetConfig) -> dict[str, Any]:
 
 
 def summarise(job: Job) -> Summary:
-    """Play the seeds of a job, unless an earlier run has kept their summary."""
+    """Return the summary of a job's episodes; play them if no earlier run has saved it."""
     path = job.folder / f"{job.seeds.start}-{job.seeds.stop}.npz"
     summary = Summary.load(path)
     if summary is None:
@@ -135,8 +135,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--environments", nargs="+", default=list(FACTS), choices=FACTS)
     parser.add_argument("--seeds", type=int, default=1_000, help="episodes of each environment")
-    parser.add_argument("--size", default="5", help="of labyrinths, such as 5 or 4x6")
-    parser.add_argument("--task", default="navigation", help="of labyrinths")
+    parser.add_argument("--size", default="5", help="size of labyrinths: 5 or 4x6")
+    parser.add_argument("--task", default="navigation", help="task of labyrinths")
     parser.add_argument("--workers", type=int, default=1, help="processes")
     parser.add_argument("--folder", type=Path, default=Path("results/environments"))
     given = parser.parse_args()

@@ -1,4 +1,4 @@
-"""The style of the figures of docs/studies, and what several of them are drawn with."""
+"""The style of the figures of docs/studies, and functions that draw several of them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 
 INK = "#767676"
 STYLE: dict[Any, Any] = {
-    # Legible on the white and on the dark page.
+    # Legible on white and on dark pages.
     **dict.fromkeys(
         ("text.color", "axes.labelcolor", "axes.edgecolor", "xtick.color", "ytick.color"), INK
     ),
@@ -36,10 +36,10 @@ def draw_rates(
     """Draw the success rate and the interval of each group of runs, in percent.
 
     Args:
-        panel: Where they are drawn.
-        heights: The height of each group.
-        solved: By group, 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths).
-        place: 0 or 1, for the upper and the lower one of two rates of a group.
+        panel: The axes to draw on.
+        heights: The y coordinate of each group.
+        solved: For each group, 1 for each solved labyrinth, else 0, shape (seeds, labyrinths).
+        place: 0 for the upper of two rates of a group, 1 for the lower.
         **style: Size of the marks, and label.
     """
     mean, low, high = 100 * np.array([bounds(each) for each in solved]).T
@@ -51,7 +51,7 @@ def draw_rates(
 
 
 def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence[str]) -> Figure:
-    """Return a heat map of shares in percent, shape (rows, columns), with the figures in it."""
+    """Return a heat map of shares in percent, shape (rows, columns), with a number in each cell."""
     figure = Figure(figsize=(6.4, 0.6 + 0.27 * len(rows)), layout="constrained")
     panel = figure.subplots()
     image = panel.imshow(shares, cmap="cividis", vmin=0, vmax=100, aspect="auto")
@@ -66,5 +66,5 @@ def heat_map(shares: NDArray[np.float64], rows: Sequence[str], columns: Sequence
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a figure, without the program's name, so that the bytes are reproducible."""
+    """Write a figure without the name of the software, so that its bytes are reproducible."""
     figure.savefig(path, dpi=130, metadata={"Software": None})

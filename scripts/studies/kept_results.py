@@ -1,4 +1,4 @@
-"""Read what studies keep in docs/results, of whatever form, and make cells of tables of it."""
+"""Read the result files of all studies in docs/results, and format them as cells of tables."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from pipeline.results.paper import METHODS, name_of
 RESULTS = Path(__file__).parents[2] / "docs/results"
 
 Run = dict[str, Any]
-"""A file of a run; `solved` has 1 or 0 for each labyrinth of each set or split, shape (L,)."""
+"""The file of a run; `solved` maps each set or split to 1 or 0 per labyrinth, shape (L,)."""
 Groups = Mapping[str, Sequence[Run]]
 """The runs of each method, one for each seed."""
 
 
 def read_run(path: Path) -> Run:
-    """Return a file of an archived study (docs/results/ARCHIVE.md), or of the stage `evaluate`.
+    """Read a file of an archived study (docs/results/ARCHIVE.md), or of the stage `evaluate`.
 
-    The latter's figures are not computed again, which `Results.load` does and a test of all files.
+    The figures of `evaluate` are not checked here: `Results.load` does so in a test of all files.
     """
     kept: Run = read_json(path)
     marks = kept.get("solved") or {
@@ -38,10 +38,10 @@ def read_run(path: Path) -> Run:
 
 
 def read_runs(folder: str, pattern: str = "*.json") -> list[Run]:
-    """Return the files in a folder of docs/results, by name.
+    """Read the files in a folder of docs/results, sorted by name.
 
     Raises:
-        ValueError: There is none.
+        ValueError: No file matches.
     """
     paths = sorted((RESULTS / folder).glob(pattern))
     if not paths:
@@ -50,7 +50,7 @@ def read_runs(folder: str, pattern: str = "*.json") -> list[Run]:
 
 
 def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
-    """Return runs by the name of their method: those of the paper first, in its order."""
+    """Group runs by the name of their method: the paper's first, in its order."""
     found = {each["run"]["method"] for each in runs}
     order = [*(name for name in METHODS if name in found), *sorted(found - METHODS.keys())]
     return {
@@ -60,12 +60,12 @@ def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
 
 
 def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
-    """Return 1 for each labyrinth of a set that was solved, else 0, shape (seeds, labyrinths)."""
+    """Return 1 for each solved labyrinth of a set, else 0, shape (seeds, labyrinths)."""
     return np.stack([each["solved"][name] for each in group])
 
 
 def grouped(runs: Iterable[Run], *names: str) -> dict[tuple[Any, ...], list[Run]]:
-    """Return runs grouped by the values of some names, in ascending order."""
+    """Group runs by their values of `names`, in ascending order."""
     groups: dict[tuple[Any, ...], list[Run]] = {}
     for each in runs:
         groups.setdefault(tuple(each[name] for name in names), []).append(each)
@@ -83,7 +83,7 @@ def bounds(solved: NDArray[np.float64]) -> tuple[float, float, float]:
 
 
 def rate(solved: NDArray[np.float64]) -> str:
-    """Return the same in percent, as text."""
+    """Return the share that was solved and its interval, as text in percent."""
     return percent(*bounds(solved))
 
 
@@ -93,7 +93,7 @@ def whole(share: float) -> str:
 
 
 def by_seed(runs: Sequence[Run], sets: Mapping[str, str]) -> list[list[str]]:
-    """Return a row for each set: its name in print, and what each run solves of it, in percent."""
+    """Return a row for each set: its name in print, and the success rate of each run in percent."""
     return [
         [shown, *(whole(each["solved"][name].mean()) for each in runs)]
         for name, shown in sets.items()

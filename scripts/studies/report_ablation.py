@@ -1,8 +1,7 @@
-"""What the planner's ingredients and labyrinths are worth: tables and figures of generalisation.md.
+"""Tables and figures for generalisation.md: ablations of the planner, and numbers of labyrinths.
 
-The results are of an archived study (docs/results/ARCHIVE.md). Intervals: 95% bootstrap over seeds
-and labyrinths.
-`report_pages.py` writes and draws them.
+The results come from an archived study (docs/results/ARCHIVE.md). Intervals: 95% bootstrap over
+seeds and labyrinths. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
@@ -21,13 +20,13 @@ from pipeline.results.paper import name_of
 SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")
 """The sets of labyrinths in the tables."""
 SHOWN = {"test": "test", "test, new ends": "test, another start and goal"}
-"""The sets of labyrinths in the figures, and their names there."""
+"""Set of labyrinths in the figures -> its name there."""
 Groups = dict[tuple[Any, ...], list[Run]]
-"""Runs that differ in the seed alone, by the values that they have in common."""
+"""Runs that differ only in the seed, by the values that they share."""
 
 
 def worth(group: Sequence[Run]) -> float:
-    """Return a score of runs by which they are ordered."""
+    """Return the score by which variants are sorted."""
     return sum(float(solved_in(group, name).mean()) for name in SHOWN)
 
 
@@ -38,19 +37,19 @@ def usual() -> Groups:
 
 
 def samples() -> Groups:
-    """Return the runs of the variants that were tried on several numbers of labyrinths."""
+    """Return the runs of variants that were trained on several numbers of labyrinths."""
     runs = read_runs("ablation/5x5")
     counted = {each["variant"] for each in runs if not each["usual"]}
     return grouped((each for each in runs if each["variant"] in counted), "variant", "labyrinths")
 
 
 def sets_of(group: Sequence[Run], names: Iterable[str]) -> list[str]:
-    """Return the cells of some sets of labyrinths."""
+    """Return the cells of a row: the success rates on sets of labyrinths."""
     return [rate(solved_in(group, name)) for name in names]
 
 
 def ingredients() -> str:
-    """Return a table with a row for each variant at 5x5, the best first."""
+    """Return a table of the variants at 5x5, one row each, the best first."""
     groups = [group for (config, _), group in usual().items() if config == "5x5"]
     rows = []
     for group in sorted(groups, key=worth, reverse=True):
@@ -61,7 +60,7 @@ def ingredients() -> str:
 
 
 def named(variant: str) -> str:
-    """Return a variant in print: options as code."""
+    """Return the name of a variant in print, with options as code."""
     if variant == "without grid and colour":
         return "without `grid_prior` and `colour_prior`"
     if variant == "bc with ingredients":
@@ -71,13 +70,13 @@ def named(variant: str) -> str:
 
 
 def shown(name: str) -> str:
-    """Return a set in print."""
+    """Return the name of a set in print."""
     name = name.replace("new ends", "new start and goal")
     return f"`{name}`" if name.startswith("s0") else name
 
 
 def without_grid() -> str:
-    """Return a table of the seeds without the grid and the colour."""
+    """Return a table of the seeds without `grid_prior` and `colour_prior`."""
     runs = usual()["5x5", "without grid and colour"]
     sets = ("test", "s0", "s0_and_g", "validation, new ends", "test, new ends", "fresh")
     cells = [
@@ -87,7 +86,7 @@ def without_grid() -> str:
 
 
 def by_number() -> str:
-    """Return a table with a row for each number of labyrinths."""
+    """Return a table of success rates by the number of training labyrinths."""
     rows = [
         [
             name_of(variant),
@@ -102,7 +101,7 @@ def by_number() -> str:
 
 
 def tasks() -> str:
-    """Return a table of the planner with other tasks."""
+    """Return a table of the planner on other tasks."""
     groups = {config: group for (config, _), group in usual().items() if "-" in config}
     rows = [
         [config.partition("-")[2].replace("_", " "), *sets_of(groups[config], SETS)]
@@ -112,7 +111,7 @@ def tasks() -> str:
 
 
 def draw_ingredients() -> Figure:
-    """Return a figure with a panel for each size, and a line for each variant."""
+    """Return a figure of the ablations, with a panel for each size and a line for each variant."""
     groups = usual()
     sizes = sorted({config for config, _ in groups if "-" not in config})
     variants = [variant for config, variant in groups if config == sizes[-1]]
@@ -132,7 +131,7 @@ def draw_ingredients() -> Figure:
 
 
 def draw_samples() -> Figure:
-    """Return a figure of success rates by the number of labyrinths, a panel for each set."""
+    """Return a figure of success rates by the number of labyrinths, with a panel for each set."""
     groups = samples()
     figure = Figure(figsize=(7.2, 2.8), layout="constrained")
     panels = figure.subplots(1, len(SHOWN), sharey=True)

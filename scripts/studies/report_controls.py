@@ -1,6 +1,6 @@
-"""The planner's seeds, controls and peers: tables of generalisation.md.
+"""Tables for generalisation.md: the planner's seeds, control experiments, and related methods.
 
-The results are of the stage `evaluate`, and of archived studies (docs/results/ARCHIVE.md).
+The results come from the stage `evaluate`, and from archived studies (docs/results/ARCHIVE.md).
 `report_pages.py` writes the tables.
 """
 
@@ -14,7 +14,7 @@ from pipeline.results.paper import name_of
 
 
 def planner_by_seed() -> str:
-    """Return a table of three seeds: the splits in eight views, and other labyrinths in one."""
+    """Return a table of three seeds on the splits, in eight views, and other sets, in one view."""
     runs = read_runs("runs/5x5", "planner-*.json")
     larger = read_runs("larger", "planner-*.json")
     splits = {name: shown(name) for name in ("train", "validation", "test", "s0", "s0_and_g")}
@@ -29,7 +29,7 @@ def planner_by_seed() -> str:
 
 
 def exchanged() -> str:
-    """Return a table of the runs with two actions exchanged."""
+    """Return a table of runs whose labels have two actions exchanged."""
     groups = grouped(read_runs("controls/exchanged/5x5"), "variant")
     rows = [
         [
@@ -43,7 +43,7 @@ def exchanged() -> str:
 
 
 def powers() -> str:
-    """Return a table of the powers to which the planner raises costs, and of those by the rule."""
+    """Return a table of the planner's `sharpness`: fixed powers, and the power given by a rule."""
     (run,) = read_runs("controls/powers")
     of_sets: dict[str, dict[str, str]] = {}
     for name, solved in run["solved"].items():
@@ -58,7 +58,7 @@ def powers() -> str:
 
 
 def looks() -> str:
-    """Return a table of other looks, the seeds of a method in one cell."""
+    """Return a table of success rates in other looks, with all seeds of a method in one cell."""
     runs = read_runs("controls/looks")
     methods = {
         name: [each for each in runs if each["method"] == name] for name in ("planner", "bc")
@@ -83,11 +83,11 @@ PEERS: dict[str, tuple[str, str]] = {
     "the same with `augment` and `relabel`": ("peers/relabelled/5x5", "vin-*.json"),
     "`vin`, 400 epochs": ("peers/longer/5x5", "vin-*.json"),
 }
-"""Name in print -> the folder and the pattern of the runs."""
+"""Name in print -> the folder of the runs, and the pattern of their files."""
 
 
 def peers() -> str:
-    """Return a table of the planner and its peers on the splits."""
+    """Return a table of the planner and related methods on the splits."""
     splits, rows = ("train", "validation", "test", "s0", "s0_and_g"), []
     for name, (folder, pattern) in PEERS.items():
         runs = read_runs(folder, pattern)

@@ -1,4 +1,4 @@
-"""The tables of environments.md, from kept files of `compare_environments.py`."""
+"""Tables for environments.md, from files that `compare_environments.py` wrote."""
 
 from __future__ import annotations
 
@@ -37,6 +37,6 @@ def many() -> str:
 
 
 def _kept(name: str) -> list[dict[str, object]]:
-    """Return the values of the environments in the files of a folder."""
+    """Return the values of all environments in the files of a folder."""
     files = sorted((RESULTS / "environments" / name).glob("*.json"))
     return [each for path in files for each in json.loads(path.read_text(encoding="utf-8"))]

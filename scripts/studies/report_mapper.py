@@ -1,7 +1,7 @@
-"""What the mapper solves: the tables and figures of mapper.md, from results of an archived study.
+"""Tables and figures for mapper.md: success rates of the mapper, from an archived study.
 
-A row for each set of labyrinths, and columns for each kind of run: files that differ in `-seed0`,
-`-seed1` and so on alone. `report_pages.py` writes and draws them.
+There is a row for each set of labyrinths, and a column or two for each kind of run, whose files
+differ only in `-seed0`, `-seed1` and so on. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
@@ -32,23 +32,23 @@ ON_SLOTS = {
     "-plain": ", pictures not varied",
     "-explore": ", outcomes predicted",
 }
-"""End of the name of a kind of runs on slots -> how it differs, in print."""
+"""Suffix of a kind of runs on slots -> its difference, in print."""
 SHOWN = ("bc-cnn", "planner", "mapper")
 """The kinds of runs in the figure."""
 
 
 def kinds_of() -> dict[str, list[Run]]:
-    """Return the runs of each kind, and those with the most sets first."""
+    """Return the runs of each kind."""
     return {kind: read_runs("mapper", f"{kind}-seed*.json") for kind in KINDS}
 
 
 def sets_of(kinds: Mapping[str, Sequence[Run]]) -> list[str]:
-    """Return the sets that the first seeds were tried on, then those of others."""
+    """Return the sets on which the first seed of any kind was evaluated, without duplicates."""
     return list(dict.fromkeys(name for runs in kinds.values() for name in runs[0]["solved"]))
 
 
 def rates() -> str:
-    """Return a table of success rates in percent: of several seeds, the median and the worst."""
+    """Return a table of success rates in percent; for several seeds, the median and the worst."""
     kinds = kinds_of()
     columns = [column for kind, runs in kinds.items() for column in columns_of(kind, runs)]
     heads = ["% solved", *(head for head, _, _ in columns)]
@@ -60,11 +60,11 @@ def rates() -> str:
 
 
 Column = tuple[str, Sequence[Run], Callable[[Sequence[float]], float]]
-"""Its head, its runs, and what it shows of the shares that they solve."""
+"""The heading, the runs, and the function that summarises their success rates."""
 
 
 def columns_of(kind: str, runs: Sequence[Run]) -> list[Column]:
-    """Return the columns of a kind of runs: one for one seed, else the median and the worst."""
+    """Return a kind's columns: one for a single seed, else the median and the worst."""
     if len(runs) == 1:
         return [(KINDS[kind], runs, max)]
     seeds = f"{KINDS[kind]}, {len(runs)} seeds"
@@ -74,18 +74,18 @@ def columns_of(kind: str, runs: Sequence[Run]) -> list[Column]:
 def shown(
     runs: Sequence[Run], name: str, middle: Callable[[Sequence[float]], float] = median
 ) -> str:
-    """Return a figure of the shares of a set that runs solve; nothing if they were not tried."""
+    """Return a summary of the success rates on a set; empty if no run was evaluated on it."""
     shares = shares_of(runs, name)
     return f"{100 * middle(shares):.3g}" if shares else ""
 
 
 def shares_of(runs: Sequence[Run], name: str) -> list[float]:
-    """Return the share of a set that each run solves that was tried on it."""
+    """Return the success rate on a set of each run that was evaluated on it."""
     return [float(run["solved"][name].mean()) for run in runs if name in run["solved"]]
 
 
 def on_slots() -> str:
-    """Return a table of the archived runs on slots, in percent: variants of one seed."""
+    """Return a table of the archived runs on slots, in percent: variants with seed 0."""
     names = ["test", "test, walls of a quarter", "test, moved by 12 pixels", "test, new ends"]
     names.append("fresh 10x10")
     rows = []
@@ -103,19 +103,19 @@ def on_slots() -> str:
 
 
 def by_size() -> dict[int, list[Run]]:
-    """Return the runs that were tried on each size, in ascending order."""
+    """Return the runs that were evaluated on each size, in ascending order."""
     runs = read_runs("mapper/sizes")
     sides = {int(name.split("x")[1]) for run in runs for name in run["solved"]}
     return {side: [run for run in runs if set_of(side) in run["solved"]] for side in sorted(sides)}
 
 
 def set_of(side: int) -> str:
-    """Return the name of the fresh labyrinths of a size."""
+    """Return the name of the set of fresh labyrinths of a size."""
     return f"fresh {side}x{side}"
 
 
 def sizes() -> str:
-    """Return a table of what the seeds solve of fresh labyrinths of each size, in percent."""
+    """Return a table of the seeds' success rates on fresh labyrinths of each size, in percent."""
     rows = [
         [
             f"{side}x{side}",
@@ -129,7 +129,7 @@ def sizes() -> str:
 
 
 def draw_sizes() -> Figure:
-    """Return a figure of what is solved at each size: of all seeds, the median and the worst."""
+    """Return a figure of the success rate by size: the median and the worst over all seeds."""
     found = {side: np.array(shares_of(runs, set_of(side))) for side, runs in by_size().items()}
     seeds = len(read_runs("mapper/sizes"))
     figure = Figure(figsize=(6.4, 3.0), layout="constrained")
@@ -159,7 +159,7 @@ def draw_sizes() -> Figure:
 
 
 def draw() -> Figure:
-    """Return a heat map: how much of each set is solved by each kind of run that is shown."""
+    """Return a heat map of the success rates by set, for the kinds of runs in `SHOWN`."""
     kinds = kinds_of()
     shared = [
         name

@@ -1,9 +1,9 @@
-"""Write the tables of docs/studies into its pages, and draw its figures, from docs/results.
+"""Update the tables in the pages of docs/studies, and draw their figures, from docs/results.
 
     python scripts/studies/report_pages.py
     python scripts/studies/report_pages.py --figures docs/pictures
 
-A table stands between `<!-- table: NAME -->` and `<!-- end of table -->`. Figures are PNG.
+In a page, a table is between `<!-- table: NAME -->` and `<!-- end of table -->`. Figures are PNG.
 """
 
 from __future__ import annotations
@@ -66,7 +66,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
 }
-"""Name of a table -> what makes it."""
+"""Name of a table -> the function that makes it."""
 
 FIGURES: Mapping[str, Callable[[], Figure]] = {
     "claims": report_claims.draw,
@@ -77,7 +77,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mapper-sizes": report_mapper.draw_sizes,
     "reinforcement": report_reinforcement.draw,
 }
-"""Name of the file of a figure -> what draws it."""
+"""Name of a figure's file -> the function that draws it."""
 
 PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
@@ -97,7 +97,7 @@ def main() -> None:
 
 
 def with_tables(page: str) -> str:
-    """Return the text of a page with the tables that the results give.
+    """Return the text of a page with its tables regenerated from the results.
 
     Raises:
         KeyError: A page names a table that no function makes.

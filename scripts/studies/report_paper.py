@@ -1,4 +1,4 @@
-"""The paper's tables and the table of memory of results.md, from the runs in docs/results.
+"""Tables for results.md, from docs/results: our runs beside the paper, and the effect of memory.
 
 `report_pages.py` writes them.
 """
@@ -23,19 +23,19 @@ REFERENCES = {
     "uniformly random": ("random", "sr"),
     "the same, in n x n steps": ("random", "sr_within_cells"),
 }
-"""What needs no learning, in print -> its name in a file, and its figure."""
+"""Name of a baseline in print -> its name in a file, and its figure."""
 
 Cell = Callable[[str], str]
-"""From a split to what stands in the table."""
+"""Split -> the cell of the table."""
 
 
 def splits() -> list[str]:
-    """Return the splits of the paper, in print."""
+    """Return the names of the paper's splits in print."""
     return [f"`{split}`" if split.startswith("s0") else split for split in EVALUATED_SPLITS]
 
 
 def of_size(config: str) -> str:
-    """Return a table of all runs of a size beside the paper's figures, in parentheses."""
+    """Return a table of all runs of a size, with the paper's figures in parentheses."""
     folder = f"runs/{config}"
     rows = []
     for pattern, note in (
@@ -63,7 +63,7 @@ def _beside(config: str, runs: Sequence[Run], split: str, *, beside: bool) -> st
 
 
 def memory() -> str:
-    """Return a table of SR and SPL under partial observability, with memory and without."""
+    """Return a table of SR and SPL under partial observability, with and without memory."""
     runs = read_runs("memory/runs/5x5-partial_observability")
     rows = []
     for method in ("planner", "bc"):
@@ -86,7 +86,7 @@ def memory() -> str:
 
 
 def _with_spl(told: Sequence[dict[str, Any]]) -> str:
-    """Return SR and SPL in percent, the mean of some files."""
+    """Return SR and SPL in percent, averaged over files."""
     return " / ".join(
         whole(float(np.mean([each[name] for each in told]))) for name in ("sr", "spl")
     )

@@ -1,4 +1,4 @@
-"""What PPO and DQN achieve on the environment: a table and a figure of results.md.
+"""A table and a figure for results.md: PPO and DQN trained on the environment.
 
 From files of an archived study (docs/results/ARCHIVE.md). `report_pages.py` writes and draws them.
 """
@@ -21,16 +21,16 @@ from pipeline.machinery.markdown import table
 SIZES = ("3x3", "5x5")
 METHODS = ("PPO", "DQN")
 LABYRINTHS = {"fixed": "labyrinths of train", "fresh": "fresh labyrinths"}
-"""What a run learnt from -> name in print."""
+"""The labyrinths that a run learnt from -> name in print."""
 SPLITS = ("train", "test")
 FIGURES = ("spl", "sr")
 
 Groups = Mapping[tuple[str, str, str], Sequence[Run]]
-"""Size, method and what was learnt from -> the runs, one for each seed."""
+"""Size, method and training labyrinths -> the runs, one for each seed."""
 
 
 def groups_of() -> Groups:
-    """Return the runs by size, method and what they learnt from."""
+    """Return the runs by size, method and training labyrinths."""
     groups: dict[tuple[str, str, str], list[Run]] = {}
     for path in sorted((RESULTS / "reinforcement").glob("*.json")):
         kept = read_json(path)
@@ -40,12 +40,12 @@ def groups_of() -> Groups:
 
 
 def curve(runs: Sequence[Run], split: str, figure: str = "spl") -> NDArray[np.float64]:
-    """Return a figure of a split in percent, shape (seeds, checkpoints)."""
+    """Return `figure` on a split in percent, shape (seeds, checkpoints)."""
     return 100 * np.array([[each[split][figure] for each in run["checkpoints"]] for run in runs])
 
 
 def rates() -> str:
-    """Return a table of SPL and SR after the last step, and beside them what learns otherwise."""
+    """Return a table of SPL and SR after the last step, also of BC and two baselines."""
     groups, rows = groups_of(), []
     for size in SIZES:
         for (config, method, labyrinths), runs in groups.items():
@@ -62,14 +62,14 @@ def rates() -> str:
 
 
 def last(runs: Sequence[Run], split: str, figure: str) -> str:
-    """Return the mean over seeds after the last step and, where they differ, worst and best."""
+    """Return the mean over seeds after the last step, with the worst and best if they differ."""
     found = curve(runs, split, figure)[:, -1]
     mean, low, high = (f"{each:.0f}" for each in (found.mean(), found.min(), found.max()))
     return mean if low == high else f"{mean} ({low} to {high})"
 
 
 def references(size: str) -> Iterator[list[str]]:
-    """Yield rows of BC, which sees pictures, and of two that learn nothing."""
+    """Yield rows of BC, which observes pictures, and of two baselines without training."""
     runs = bc(size)
     shares = [
         np.mean([run["splits"][split][figure] for run in runs])
@@ -89,7 +89,7 @@ def bc(size: str) -> list[Run]:
 
 
 def draw() -> Figure:
-    """Return a figure of SPL by steps, on train and on test, a panel for each method and size."""
+    """Return a figure of SPL by steps, on train and test, with a panel for each method and size."""
     groups = groups_of()
     figure = Figure(figsize=(7.2, 4.6), layout="constrained")
     panels = figure.subplots(len(SIZES), len(METHODS), sharey=True, squeeze=False)

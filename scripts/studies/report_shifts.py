@@ -1,7 +1,7 @@
-"""How methods fare on every shift, from their evaluations: tables and a figure of results.md.
+"""Tables and a figure for results.md: the performance of methods on every shift.
 
-Success rates by split and method; the effects of structure, start and goal, each as in train or
-new, with their interactions; and what more goals in training change. Intervals: 95% bootstrap over
+They show success rates by split and method; the effects of a new structure, start and goal, with
+their interactions; and the effect of more goals in training. Intervals: 95% bootstrap over
 labyrinths and seeds. `report_pages.py` writes and draws them.
 """
 
@@ -42,10 +42,10 @@ EFFECTS = {
     "start x goal": (0, 1, 1),
     "all three": (1, 1, 1),
 }
-"""Effect -> which of the three it is about."""
+"""Effect -> which of structure, start and goal take part in it."""
 
 Solved = Mapping[str, NDArray[np.float64]]
-"""Split -> 1 for each labyrinth that was solved, else 0, shape (seeds, labyrinths)."""
+"""Split -> 1 for each solved labyrinth, else 0, shape (seeds, labyrinths)."""
 
 
 GOALS = {
@@ -54,11 +54,11 @@ GOALS = {
     "fixed, 1,000": "goals/of_1000_control",
     "varied, 1,000": "goals/of_1000_on_fixed",
 }
-"""Train's goals and number of labyrinths -> the runs of BC evaluated with the fixed goal."""
+"""Goals and number of labyrinths in training -> the folder of BC's runs on the fixed goal."""
 
 
 def methods_of() -> dict[str, Solved]:
-    """Return what was solved by each method, over its seeds."""
+    """Return the solved labyrinths of each method, over its seeds."""
     groups = by_method(read_runs("shifts/runs/5x5"))
     return {
         name: {split: solved_in(group, split) for split in SPLITS if split in group[0]["solved"]}
@@ -67,7 +67,7 @@ def methods_of() -> dict[str, Solved]:
 
 
 def rates() -> str:
-    """Return a table of success rates in percent, with a row for each split."""
+    """Return a table of success rates in percent, one row per split."""
     methods = methods_of()
     baselines = read_runs("shifts/runs/5x5", "bc-*.json")[0]["baselines"]
     rows = []
@@ -88,7 +88,7 @@ def splits_of(methods: Mapping[str, Solved]) -> list[str]:
 
 
 def goals() -> str:
-    """Return a table of BC with a fixed and with varied goals, evaluated with the fixed one."""
+    """Return a table of BC trained with fixed and varied goals, evaluated on the fixed goal."""
     runs = {name: read_runs(f"{folder}/runs/5x5", "bc-*.json") for name, folder in GOALS.items()}
     varied = {"100": runs["varied, 100"], "1,000": runs["varied, 1,000"]}
     rows = []
@@ -104,7 +104,7 @@ def goals() -> str:
 
 
 def effects() -> str:
-    """Return a table of effects in points of success, with a row for each."""
+    """Return a table of effects on the success rate in percentage points, one row per effect."""
     methods = methods_of()
     rows = [
         [name, *(percent(*effect(solved, factors)) for solved in methods.values())]
@@ -114,11 +114,11 @@ def effects() -> str:
 
 
 def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float, float]:
-    """Return an effect in the two-level factorial of structure, start and goal, and its interval.
+    """Return an effect in the 2 x 2 x 2 factorial of structure, start and goal, and its interval.
 
-    The effect of one factor is the mean of the four cells where it is new less that of the others.
-    An interaction is half of how much the effect of one changes with the other. Labyrinths of one
-    structure are resampled together, as are those of one seed.
+    The effect of a factor is the mean of the four cells where it is new, minus the mean of the
+    other four. An interaction is half of the change in one factor's effect due to the other.
+    Labyrinths with the same structure are resampled together, as are those of the same seed.
     """
     seen, unseen = (
         sum(
@@ -135,7 +135,7 @@ def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float,
 
 
 def draw() -> Figure:
-    """Return a heat map: how much each method solves of each split."""
+    """Return a heat map of the success rates by split and method."""
     methods = methods_of()
     splits = splits_of(methods)
     shares = 100 * np.array([[of[split].mean() for of in methods.values()] for split in splits])

@@ -59,7 +59,7 @@ Build = Callable[..., Run]
         ),
         (
             ["stages=[build,train]", "method=bc", "protocol=authors"],
-            ["protocol=authors: method=bc is for default or"],
+            ["protocol=authors: method=bc supports only default or"],
         ),
         (["+buckets.foo=1"], ["buckets.foo is not an option", "buckets.train, buckets.validation"]),
         (["buckets.trian=1"], ["not an option", "mean buckets.train?", "buckets.validation"]),

@@ -357,7 +357,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     content = json.loads((run.training_folder / "results.json").read_text())
     assert content["run"]["as_tried"].keys() == content["splits"].keys()
     assert 0 <= content["run"]["as_tried"]["test"]["sr"] <= 1
-    assert "As the code of protocol=authors tries a policy: train" in capsys.readouterr().out
+    assert "Evaluated as in the code of protocol=authors: train" in capsys.readouterr().out
 
 
 def test_the_usual_settings_are_refused_in_one_line() -> None:
@@ -368,8 +368,8 @@ def test_the_usual_settings_are_refused_in_one_line() -> None:
 
 def test_methods_of_the_authors_and_others_are_not_mixed_up() -> None:
     for name, protocol, told in (
-        ("planner", "authors", "method=planner is for default or paper"),
-        (OF["bc"], "default", r"method=\S*bc:Method is for authors"),
+        ("planner", "authors", "method=planner supports only default or paper"),
+        (OF["bc"], "default", r"method=\S*bc:Method supports only authors"),
     ):
         with pytest.raises(ConfigError, match=rf"\Aprotocol={protocol}: {told}\Z"):
             find(name, {}, protocol)

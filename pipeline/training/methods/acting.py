@@ -1,4 +1,4 @@
-"""Transitions between numbered states: from a dataset's episodes, and from agents that act."""
+"""Transitions between numbered states, from a dataset's episodes and from rollouts."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_pl
 from labyrinth_core.policies.networks.network import MOMENTUM
 
 SETTLED_BY = 256
-"""The number of observations in a batch of `settle`; another gives other statistics."""
+"""The batch size of `settle`, on which the statistics depend."""
 
 
 class Steps(NamedTuple):
@@ -31,20 +31,20 @@ class Steps(NamedTuple):
 
 
 class Rollout(NamedTuple):
-    """T steps of N agents that draw their actions, each array of shape (T, N)."""
+    """T steps of N agents that sample their actions, each array of shape (T, N)."""
 
     states: NDArray[np.int64]
     actions: NDArray[np.int64]
     next_states: NDArray[np.int64]
-    """The state that the action led to; where the episode is over, the next one begins after it."""
+    """The state that the action led to; after the last step of an episode, a new one begins."""
     over: NDArray[np.bool_]
     """Whether the step was the last of its episode: terminated, or truncated at the step limit."""
     done: NDArray[np.bool_]
-    """Whether the episode terminated, on the goal or on ice."""
+    """Whether the step terminated the episode, on the goal or on ice."""
 
     @property
     def transitions(self) -> NDArray[np.int64]:
-        """The steps as rows of s, a, s', shape (T * N, 3)."""
+        """The steps as rows (s, a, s'), shape (T * N, 3)."""
         return np.stack([self.states, self.actions, self.next_states], axis=2).reshape(-1, 3)
 
 
@@ -62,10 +62,10 @@ def load_steps(
     Args:
         source: Folder with the dataset, or its id on the Hub.
         config: Such as `5x5`.
-        split: A split whose labyrinths are in `arrays`, such as `train`, or `random` with the same.
+        split: `train`, or another split of the labyrinths in `arrays`, such as `random`.
         arrays: The labyrinths, with their states numbered.
         revision: Branch, tag or commit on the Hub.
-        labyrinths: How many labyrinths, the first ones; None for all.
+        labyrinths: Load only the first N labyrinths; None for all.
 
     Raises:
         DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
@@ -92,15 +92,15 @@ def load_steps(
 
 
 def softmax(scores: Tensor) -> NDArray[np.float64]:
-    """Return probabilities, shape (S, 4), in double precision so that they add up to 1."""
+    """Return the softmax of each row, shape (S, 4), in float64 so that the rows sum to 1."""
     table: NDArray[np.float64] = torch.softmax(scores.double(), 1).cpu().numpy()
     return table
 
 
 def settle(network: nn.Module, observations: Tensor) -> None:
-    """Set batch normalisation's running statistics from observations; end in evaluation mode.
+    """Compute batch normalisation's running statistics, and switch to evaluation mode.
 
-    For methods that train in evaluation mode, in which the statistics of a fresh network would keep
+    For methods that train in evaluation mode, where the statistics of a fresh network would keep
     their initial values. The observations are on the network's device.
     """
     normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
@@ -117,7 +117,7 @@ def settle(network: nn.Module, observations: Tensor) -> None:
 
 
 def draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return one class drawn from each row of probabilities, shape (N,)."""
+    """Sample a class from each row of probabilities, and return them, shape (N,)."""
     below = np.cumsum(probabilities[:, :-1], axis=1) <= rng.random((len(probabilities), 1))
     drawn: NDArray[np.int64] = below.sum(axis=1)
     return drawn
@@ -131,15 +131,15 @@ def roll_out(
     steps: int,
     rng: np.random.Generator,
 ) -> Rollout:
-    """Let one agent in each labyrinth act, beginning a new episode whenever one is over.
+    """Roll out a policy with one agent per labyrinth; a finished episode is followed by a new one.
 
     Args:
         arrays: The labyrinths.
         probabilities: The probability of each action in each state, shape (S, 4).
-        where: The state that each agent is in, shape (L,); changed in place.
-        taken: The number of steps of each agent's current episode, shape (L,); changed in place.
+        where: The current state of each agent, shape (L,); changed in place.
+        taken: The number of steps in each agent's current episode, shape (L,); changed in place.
         steps: The number of steps that each agent takes.
-        rng: Draws the actions.
+        rng: The source of the actions.
     """
     rows = []
     for _ in range(steps):

@@ -4,8 +4,8 @@ The loss is the cross-entropy of the demonstrated action, -log pi(a | s), over a
 
 Departures: Adam and the supplement's networks instead of the paper's; pairs in random order.
 
-Three ingredients that are not part of the method can be switched on. `planner` uses them by
-default; here they show what they contribute without its network.
+The settings `augment`, `relabel` and `average` are not part of the method. `planner` uses them by
+default; here they show what they contribute without the planner's network.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from pipeline.training.methods.relabelling import require_shortest
 
 @dataclass(frozen=True)
 class Settings(BaseSettings):
-    """An epoch is one pass over the demonstrations, or over `pictures` drawn from them."""
+    """An epoch is one pass over the demonstrations, or `pictures` pictures sampled from them."""
 
     augment: bool = setting(
         False,
-        "whether pictures and actions are turned together, by the eight symmetries of the square",
+        "whether pictures and actions are transformed by the eight symmetries of the square",
     )
     relabel: bool = setting(False, "whether any two states of a route are taken as start and goal")
     average: bool = setting(
-        False, "whether the policy looks at a picture in all eight ways when it acts"
+        False, "whether the policy averages over the eight symmetries when it acts"
     )
     pictures: int = setting(
         1024, "number of pictures in an epoch that augments or relabels", at_least=1
@@ -64,10 +64,10 @@ class Method(Learner):
         return {"loss": self.clone(self.policy, self.optimizer, (steps.states,), steps.actions)}
 
     def learn_drawn(self, *, whole: bool = False) -> float:
-        """Train on an epoch's number of drawn pictures; return the mean loss of the batches.
+        """Train on `pictures` sampled pictures; return the mean loss of the batches.
 
         Args:
-            whole: Whether each picture is labelled with the actions in all cells of the route.
+            whole: Whether to label each picture with the actions in all cells of the route.
         """
         settings = self.settings
         losses: list[float] = []
@@ -85,20 +85,20 @@ class Method(Learner):
         return sum(losses) / len(losses)
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
-        """Return the mean loss of some examples."""
+        """Return the mean loss of a batch of examples."""
         return functional.cross_entropy(self.policy(pictures), labels)
 
 
 def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
-    """Return pictures and their labels, an eighth of them transformed by each symmetry.
+    """Transform an eighth of the examples by each symmetry of the square; return all of them.
 
     Args:
         pictures: Shape (N, size, size, 3).
-        labels: As `ExampleSampler.draw` returns them.
+        labels: As returned by `ExampleSampler.draw`.
     """
     seen, turned = [], []
     for symmetry in SYMMETRIES:
-        # The last entry maps -1, which stands for no action, to itself.
+        # The last entry maps -1 (`NO_LABEL`) to itself.
         actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
         some = actions[labels[symmetry :: len(SYMMETRIES)]]
         seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))

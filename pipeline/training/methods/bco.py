@@ -1,18 +1,18 @@
 """Behavioural cloning from observation, BCO(alpha) (Torabi, Warnell and Stone 2018).
 
 Algorithm 1 of the paper: an inverse dynamics model M(a | s, s') is fitted by maximum likelihood to
-the steps I_pre of a random policy, here the split `random`. It labels the pairs of states of the
-demonstrations, whose actions are never used, and the policy is fitted to the labels. Then, in each
-round, the policy takes alpha |I_pre| steps of its own, which are added to I; the model is fitted to
-I, the demonstrations are relabelled, and the policy is fitted again. Labels are the most likely
-actions. The policy samples its actions and continues where its last round ended.
+the steps I_pre of a random policy, here the split `random`. It labels each pair of states in the
+demonstrations with its most likely action, and the policy is fitted to these labels; demonstrated
+actions are never used. Then, in each round, the policy takes alpha |I_pre| steps of its own, which
+are added to I; the model is fitted to I, the demonstrations are relabelled, and the policy is
+fitted again. The policy samples its actions, and continues its episodes from round to round.
 
-Steps into walls, where s' = s reveals only that there is a wall, remain in I, since the paper gives
+Steps into walls, where s' = s reveals only that there is a wall, stay in I, since the paper gives
 no reason to exclude them; they are counted separately (`stayed`).
 
-Departures: the model sees both pictures stacked to six channels, through the run's encoder, where
-the paper has vectors; model and policy continue from their last weights; the number of passes is
-fixed where the paper waits for convergence.
+Departures: the model sees both pictures, stacked to six channels, through the run's encoder,
+instead of vectors; model and policy continue from their last weights; the number of passes is
+fixed, whereas the paper trains until convergence.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class Settings(BaseSettings):
     """An epoch is one pass of the policy over the demonstrations."""
 
     alpha: float = setting(
-        0.1, "number of steps of the policy in a round, as a multiple of those of the random policy"
+        0.1, "number of the policy's steps in a round, as a multiple of the random policy's steps"
     )
     epochs_a_round: int = setting(10, "number of passes before the policy acts again", at_least=1)
     model_epochs: int = setting(
@@ -42,7 +42,7 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """The policy, the inverse dynamics model, and I, an array (N, 3) of s, a, s'."""
+    """The policy, the inverse dynamics model, and I, an array of rows (s, a, s'), shape (N, 3)."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -76,14 +76,14 @@ class Method(Learner):
         """Let the policy act, and add its steps to I."""
         arrays, count = self.problem.arrays, self.settings.alpha * len(self.before)
         steps = -(-round(count) // len(arrays.initial))
-        if not steps:  # BCO(0): the model is fitted to the random policy's steps alone.
+        if not steps:  # BCO(0): the model is fitted to the steps of the random policy only.
             return
         probabilities = softmax(self.outputs(self.policy))
         own = roll_out(arrays, probabilities, self.where, self.taken, steps, self.problem.rng)
         self.experience = np.concatenate([self.experience, own.transitions])
 
     def fit_model(self) -> None:
-        """Fit the model to I; compute its scores for the demonstrations' pairs of states."""
+        """Fit the model to I, and compute its scores for the state pairs of the demonstrations."""
         states, actions, after = self.experience.T
         for _ in range(self.settings.model_epochs):
             self.model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
@@ -92,6 +92,6 @@ class Method(Learner):
         self.scores = outputs_of(self.model, pairs).double().cpu().numpy()
 
     def labels(self) -> NDArray[np.int64]:
-        """Return an action for each pair of states of the demonstrations."""
+        """Return an action for each state pair of the demonstrations, shape (N,)."""
         labels: NDArray[np.int64] = self.scores.argmax(axis=1)
         return labels

@@ -1,14 +1,14 @@
 """DAgger (Ross, Gordon and Bagnell 2011): the learner acts, and the expert labels its states.
 
-Algorithm 3.1 of the paper with beta_1 = 1 and beta_i = 0 afterwards, the choice that it calls
-parameter-free: D begins as the demonstrations; in each round the policy acts once in every
-training labyrinth, the expert labels the states visited, these are added to D, and the policy is
-fitted to D by cross-entropy. The expert is the solver: any optimal action, drawn once per state.
+Algorithm 3.1 of the paper with beta_1 = 1 and beta_i = 0 afterwards, which the paper calls
+parameter-free. D begins as the demonstrations. In each round the policy acts once in every training
+labyrinth, the expert labels the visited states, these are added to D, and the policy is fitted to D
+by cross-entropy. The expert is the solver; its label is an optimal action, sampled once per state.
 
-Departures: D is a set, so that a state is added only once; an episode ends where the policy returns
-to a state, because from there on it would only repeat itself; the policy continues from its last
+Departures: D is a set, to which a state is added only once; an episode ends when the policy returns
+to a state, because it would only repeat itself from there; the policy continues from its last
 weights instead of being fitted from scratch; the iteration that is best on validation is kept, as
-in the paper, but evaluated every few epochs instead of every round.
+in the paper, but policies are evaluated every few epochs instead of every round.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """The policy, and D: `states` with their `labels`."""
+    """The policy, and the dataset D: `states` with their `labels`."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -48,7 +48,7 @@ class Method(Learner):
         return {"loss": loss, "aggregated": len(self.states)}
 
     def visited(self) -> NDArray[np.int64]:
-        """Return the states in which the policy acts in one greedy episode per labyrinth."""
+        """Play a greedy episode in each labyrinth; return the states in which the policy acts."""
         arrays = self.problem.arrays
         actions = self.outputs(self.policy).argmax(1).cpu().numpy()
         seen = np.zeros(len(arrays.observations), np.bool_)
@@ -60,7 +60,7 @@ class Method(Learner):
         return np.flatnonzero(seen)
 
     def aggregate(self, visited: NDArray[np.int64]) -> None:
-        """Add states that are not in D yet, with the expert's labels."""
+        """Add to D the visited states that it lacks, with the expert's labels."""
         optimal = self.problem.arrays.optimal
         new = np.setdiff1d(visited, self.states)
         choices = optimal[new] / optimal[new].sum(axis=1, keepdims=True)

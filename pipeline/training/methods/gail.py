@@ -1,27 +1,26 @@
 """Generative adversarial imitation learning, GAIL (Ho and Ermon 2016), with PPO for the policy.
 
-A discriminator D(s, a), the probability that a step is from the demonstrations, is fitted to the
-demonstrations and to the policy's latest steps by cross-entropy (equation 17 and Algorithm 1 of the
-paper, with the roles of 0 and 1 exchanged), and the policy is improved on the reward
+A discriminator estimates D(s, a), the probability that a step is from the demonstrations. It is
+fitted by cross-entropy to the demonstrations and to the policy's latest steps (equation 17 and
+Algorithm 1 of the paper, with the roles of 0 and 1 exchanged). The policy maximises the reward
 
     r(s, a) = log D(s, a),
 
-which is negative everywhere. The paper's reward, in our roles, is -log(1 - D), which is positive
-everywhere: it rewards every step, so that staying alive is worth more than reaching the goal. Log D
-is what the code of the paper's authors offers for tasks that end at a goal (openai/imitation,
-option `favor_zero_expert_reward`). Where every step costs, failing must not be a way out: ice
-counts as absorbing, and earns the reward of the step onto it for ever.
+which is negative everywhere. With our roles, the paper's reward is -log(1 - D), which is positive
+everywhere: it rewards every step, so that staying alive is worth more than reaching the goal. The
+code of the paper's authors offers log D for tasks that end at a goal (openai/imitation, option
+`favor_zero_expert_reward`). If every step costs, an agent must not gain by failing early: ice is
+absorbing, and the reward of the step onto it is repeated for ever.
 
 The policy is updated by PPO (Schulman et al. 2017, equation 7, clipped at 1 +- `clip`, with
-advantages by equation 11) where the paper has TRPO; both keep the new policy close to the one that
-acted. There is an entropy bonus, the paper's lambda H(pi).
+advantages by equation 11) instead of the paper's TRPO; both keep the new policy close to the one
+that acted. There is an entropy bonus, the paper's lambda H(pi).
 
 Departures: log D; absorbing ice; PPO; the critic is one more output of the policy's network; the
-agent acts in all training labyrinths in lock-step; the loss of a batch is computed once for each
-state in it, however often the state was visited, which gives the same gradient. The network is
-trained in evaluation mode, without dropout and with running statistics that are computed once, at
-the beginning, from all states, because the ratio of PPO has to compare probabilities of the same
-network.
+agent acts in all training labyrinths in lock-step; the loss of a batch is computed once per
+distinct state, however often the state was visited, which gives the same gradient. PPO's ratio has
+to compare probabilities of the same network, so the network is trained in evaluation mode: without
+dropout, and with running statistics that are computed once, at the beginning, from all states.
 """
 
 from __future__ import annotations
@@ -54,13 +53,12 @@ VALUE_WEIGHT = 0.5
 
 @dataclass(frozen=True)
 class Settings(BaseSettings):
-    """An epoch is some steps in every labyrinth, a pass of D, and a few of the policy."""
+    """An epoch is some steps in every labyrinth, a pass of D, and some passes of the policy."""
 
     epochs: int = 150
     batch_size: int = setting(
         256,
-        "number of states in a gradient step of the policy, and of pairs in one of the "
-        "discriminator",
+        "number of states in a gradient step of the policy or the discriminator",
         at_least=2,
     )
     steps: int = setting(64, "number of steps in each labyrinth in an epoch", at_least=1)
@@ -74,8 +72,8 @@ class Settings(BaseSettings):
 class Discriminator(nn.Module):
     """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
 
-    It has its own encoder, the CNN without batch normalisation. For vectors, which the source does
-    not have, the encoder is `Mlp`.
+    It has an encoder of its own: the CNN without batch normalisation or, for vectors, which the
+    source does not have, `Mlp`.
     """
 
     def __init__(self, spec: NetworkSpec) -> None:
@@ -95,7 +93,7 @@ class Discriminator(nn.Module):
         )
 
     def forward(self, observations: Tensor) -> Tensor:
-        """Return the logits that (observation, action) is a demonstration's, shape (batch, 4)."""
+        """Return the logit that each (observation, action) is demonstrated, shape (batch, 4)."""
         features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
         actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
         logits: Tensor = self.classifier(torch.cat([features, actions], 1))
@@ -103,12 +101,12 @@ class Discriminator(nn.Module):
 
 
 class ActorCritic(nn.Module):
-    """A policy's network with one more output, the value of the state.
+    """A policy network with one more output, the value of the state.
 
     Args:
-        policy: The network, of which the critic shares all but the last layer.
-        unit: The unit of the values, and of the critic's loss, so that this loss does not outweigh
-            the policy's.
+        policy: The network; the critic shares all of its layers but the last.
+        unit: The unit of the values and of the critic's loss, which keeps that loss from
+            outweighing the policy's.
     """
 
     def __init__(self, policy: Network, unit: float) -> None:
@@ -118,14 +116,14 @@ class ActorCritic(nn.Module):
         self.value = nn.Linear(WIDTH, 1)
 
     def forward(self, observations: Tensor) -> Tensor:
-        """Return the scores of the actions and the value, shape (batch, 5)."""
+        """Return the scores of the four actions, then the value, shape (batch, 5)."""
         hidden = self.policy.hidden(observations)
         last = self.policy.classifier[-1]
         return torch.cat([last(hidden), self.value(hidden) * self.unit], 1)
 
 
 class Samples(NamedTuple):
-    """Steps of the policy with the targets of PPO, each array of shape (N,)."""
+    """Steps of the policy with PPO's targets, each array of shape (N,)."""
 
     states: NDArray[np.int64]
     actions: NDArray[np.int64]
@@ -170,7 +168,7 @@ class Method(Learner):
         }
 
     def discriminate(self, rollout: Rollout) -> float:
-        """Fit the discriminator to demonstrations and rollout in one pass; return its loss."""
+        """Fit the discriminator in one pass over demonstrations and rollout; return its loss."""
         both, count = (self.problem.demonstrations, rollout), len(self.problem.observations)
         shares = np.stack([shares_of(each.states, each.actions, count) for each in both])
         there = np.flatnonzero(shares.any(axis=(0, 2)))
@@ -212,7 +210,7 @@ def reward_of(logits: Tensor) -> Tensor:
 def shares_of(
     states: NDArray[np.int64], actions: NDArray[np.int64], count: int
 ) -> NDArray[np.float64]:
-    """Return the share of the steps with each state and action, shape (count, 4)."""
+    """Return the share of steps with each state and action, shape (count, 4)."""
     numbers = np.ravel(states) * ACTIONS + np.ravel(actions)
     shares: NDArray[np.float64] = np.bincount(numbers, minlength=count * ACTIONS) / len(numbers)
     return shares.reshape(count, ACTIONS)
@@ -229,14 +227,14 @@ def sample(
 
     Args:
         rollout: T steps of N agents.
-        outputs: The outputs of the actor that acted, in all states, shape (S, 5).
+        outputs: The outputs in all states of the actor that acted, shape (S, 5).
         rewards: The reward of each action in each state, shape (S, 4).
-        fatal: Which steps end on ice, shape (T, N).
-        settings: gamma and lambda.
+        fatal: Whether each step ends on ice, shape (T, N).
+        settings: The settings, of which gamma and lambda (`trace`) are used.
     """
     states, actions, after, over, done = rollout
     values, earned = outputs[:, -1], rewards[states, actions]
-    # Only a terminal state is worth nothing; a truncated episode would go on.
+    # A terminal state is worth 0, but a truncated episode would have gone on.
     worth_after = np.where(done, 0, values[after])
     worth_after = np.where(fatal, earned / (1 - settings.gamma), worth_after)
     surprise = earned + settings.gamma * worth_after - values[states]

@@ -1,21 +1,22 @@
-"""A mapper, which learns what moves, what actions do and where demonstrations end, and plans.
+"""The mapper: learns what moves, what actions do and where demonstrations end, and plans.
 
-`labyrinth_core.policies.networks.mapping` has its network, and says what it is given.
+Its network is in `labyrinth_core.policies.networks.mapping`, which also says what it is given.
 
-Like BCO (Torabi et al. 2018) it learns what actions do from transitions (s, a, s') of a random
-policy, and of the demonstrations; it learns a forward model. Like universal planning networks
-(Srinivas et al. 2018) and value iteration networks (Tamar et al. 2016) it acts by planning with
-what it has learnt. All labels come from the pictures of the splits `train` and `random`:
+Like BCO (Torabi et al. 2018), the mapper learns what actions do from transitions (s, a, s') of a
+random policy, and also of the demonstrations; unlike BCO, it learns a forward model. Like universal
+planning networks (Srinivas et al. 2018) and value iteration networks (Tamar et al. 2016), it acts
+by planning with what it has learnt. A slot is the pixels of one colour. All labels come from the
+pictures of the splits `train` and `random`:
 
-- What moves is the one slot whose cells differ between s and s' (`moving_colour`).
-- Where a demonstration ends is the cell of that slot in its last picture. It is learnt as the place
-  of a slot of its *first* picture.
-- Where an action leads is the cell of that slot in s', relative to s.
+- What moves: the only slot whose cells differ between s and s' (`moving_colour`).
+- Where a demonstration ends: the cell of that slot in the last picture, which the network learns to
+  find as the place of a slot in the *first* picture.
+- Where an action leads: the cell of that slot in s', relative to its cell in s.
 
-Pictures are drawn as in the column `obs`, 600 pixels wide, and a little shifted. Then each slot
-grows over the others, one after the other in random order, as long as no slot vanishes anywhere.
-First pictures are shown once more, in which slots grow further, as long as none vanishes
-everywhere: walls may close or go there, so they teach nothing about steps, only what slots are.
+Pictures are drawn as in the column `obs`, 600 pixels wide, and shifted by a few pixels. Then slots
+grow over each other, in random order, as long as no slot vanishes anywhere. First pictures are
+shown once more with slots that grow further, as long as no slot vanishes everywhere. Walls may
+close or disappear in them, so they teach only what the slots are, and nothing about steps.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 
 @dataclass(frozen=True)
 class Settings(MapperSpec, BaseSettings):
-    """An epoch is one pass over the demonstrations; `batch_size` is their number in a step."""
+    """An epoch is one pass over the demonstrations; `batch_size` counts demonstrations."""
 
     epochs: int = 40
     evaluate_every: int = 40
@@ -66,23 +67,23 @@ class Settings(MapperSpec, BaseSettings):
     channels: int = 32
     looks: int = 4
     steps: int = setting(
-        32, "number of transitions of its labyrinth that are learnt from a picture", at_least=1
+        32, "number of its labyrinth's transitions that a picture teaches", at_least=1
     )
     explore: bool = setting(True, "whether it learns from the split random as well")
-    shift: int = setting(6, "most pixels by which pictures are shifted", at_least=0, at_most=60)
+    shift: int = setting(6, "maximum shift of pictures in pixels", at_least=0, at_most=60)
     grow: int = setting(
-        14, "most pixels by which a colour grows over others", at_least=0, at_most=60
+        14, "maximum growth of a colour over others in pixels", at_least=0, at_most=60
     )
     overgrow: int = setting(
         24,
-        "most pixels by which a colour grows in pictures that teach nothing about steps",
+        "maximum growth of a colour, in pixels, in pictures that teach nothing about steps",
         at_least=0,
         at_most=60,
     )
 
 
 class Method(Learner):
-    """The network, and the labels that are read off the pictures."""
+    """The network, and the labels read from the pictures."""
 
     policy: Mapper
 
@@ -112,31 +113,31 @@ class Method(Learner):
 
     @property
     def size(self) -> tuple[int, int]:
-        """The numbers of rows and columns of the labyrinths."""
+        """The number of rows and of columns of the labyrinths."""
         return self.problem.spec.height, self.problem.spec.width
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         check(
             spec.task == Task.NAVIGATION,
-            f"task={spec.task}: method=mapper learns navigation, and no other task",
+            f"task={spec.task}: method=mapper supports only task=navigation",
         )
         return make_network(spec, own=settings)
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
-        """Return the size of pictures in datasets, where colours are flat."""
+        """Return the size of the pictures in datasets, in which each object has a flat colour."""
         return PICTURE_SIZE
 
     @classmethod
     def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
-        """Return the policy that plans with the network, and remembers its plan."""
+        """Return a policy that plans with the network, and remembers its plan."""
         assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
 
     def moving_colours(self) -> NDArray[np.int64]:
-        """Return the colour of what moves in each labyrinth, as its demonstration shows it."""
+        """Return the colour that moves in each labyrinth, read from its demonstration."""
         shown, colours = self.problem.demonstrations, []
         for labyrinth in range(len(self.problem.arrays.labyrinths)):
             there = self.problem.arrays.labyrinth[shown.states] == labyrinth
@@ -158,11 +159,11 @@ class Method(Learner):
         return found
 
     def draw(self, states: NDArray[np.int64], overgrown: int) -> tuple[Tensor, Tensor]:
-        """Return varied pictures as masks, and the slot that moves in each.
+        """Return varied pictures of states as masks, and the number of the slot that moves in each.
 
         Args:
-            states: What the pictures show.
-            overgrown: The number of pictures, the first ones, that teach nothing about steps.
+            states: The states to draw.
+            overgrown: The first N pictures get slots that grow further (`overgrow`).
         """
         colours = self.colours[self.problem.arrays.labyrinth[states]]
         slots = self.look(states)
@@ -174,7 +175,7 @@ class Method(Learner):
         return masks_of(np.stack(scenes)).to(self.problem.device), self.tensor(np.array(movers))
 
     def vary(self, slots: Slots, overgrown: bool) -> Scene:
-        """Return a picture a little shifted, in which one slot after the other has grown."""
+        """Shift a picture by a few pixels, grow its slots one after the other, and return it."""
         settings, rng = self.settings, self.problem.rng
         most = settings.overgrow if overgrown else settings.grow
 
@@ -198,7 +199,7 @@ class Method(Learner):
 
     def epoch(self) -> dict[str, float]:
         self.policy.train()
-        # The rate falls to nothing: what a constant one leaves to chance differs between seeds.
+        # The rate falls to 0: with a constant rate, the outcome depends on the seed.
         left = (1 + math.cos(math.pi * self.done / self.settings.epochs)) / 2
         self.optimizer.param_groups[0]["lr"] = self.settings.learning_rate * left
         self.done += 1
@@ -209,10 +210,10 @@ class Method(Learner):
     def learn(self, episodes: NDArray[np.int64]) -> Tensor:
         """Take a gradient step; return the three losses.
 
-        Of the labyrinth of each demonstration, there is its first picture, twice, and one of any
-        state that is known. Where demonstrations end is learnt from first pictures, what moves
-        from all, and what steps do from the others and from first ones that are not overgrown:
-        from any cell, as if the agent were there.
+        A batch has three pictures of each demonstration's labyrinth: the first picture overgrown,
+        the first picture, and a picture of any known state. Where demonstrations end is learnt
+        from the first two, what moves from all three, and what steps do from the last two. Steps
+        may begin in any cell, as if the agent were there.
         """
         count, first = len(episodes), self.first[episodes]
         labyrinths = self.problem.arrays.labyrinth[first]
@@ -234,13 +235,13 @@ class Method(Learner):
         return torch.stack([moves, ends, does]).detach()
 
     def some_steps(self, labyrinths: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-        """Return numbers of known steps in some labyrinths, shape (labyrinths, count)."""
+        """Return the numbers of random known steps in labyrinths, shape (labyrinths, count)."""
         low, high = self.bounds[labyrinths, None], self.bounds[labyrinths + 1, None]
         return self.problem.rng.integers(low, high, (len(labyrinths), count))
 
 
 def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | None:
-    """Return the colour of the one slot that a step moves to other cells; None if it moves no slot.
+    """Return the colour of the only slot that a step moves; None if it moves no or several slots.
 
     Args:
         pictures: The pictures before and after the step.

@@ -1,7 +1,7 @@
 """The interface of a method: its settings, and a learner that trains one epoch at a time.
 
-A method is a module here with two classes, `Settings` and `Method`, or, as `method=module:Class`, a
-class of the user with `Settings` beside it. docs/new-method.md shows an example.
+A built-in method is a module here with two classes, `Settings` and `Method`. A user's own method,
+`method=module:Class`, is a class with `Settings` in the same module (docs/new-method.md).
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float =
 
 @dataclass(frozen=True)
 class BaseSettings:
-    """The settings of every method; a method declares its own by `setting` in the same way.
+    """The settings of every method; a method declares further ones with `setting`.
 
-    It changes a default alone by `epochs: int = 30`: meaning and limits stay.
+    To change only the default of a setting, write `epochs: int = 30`: meaning and limits stay.
     """
 
     epochs: int = setting(100, "number of calls of `Learner.epoch`", at_least=1)
     evaluate_every: int = setting(
-        2, "number of epochs after which the policy is tried on train and validation", at_least=1
+        2, "number of epochs between evaluations on train and validation", at_least=1
     )
     batch_size: int = setting(64, "number of transitions in a gradient step", at_least=2)
     learning_rate: float = setting(
@@ -75,7 +75,7 @@ class Problem:
     """Everything that a method may learn from and compute with."""
 
     arrays: LabyrinthArrays
-    """The labyrinths of the split train, and of no other."""
+    """The labyrinths of the split train only."""
     observations: Tensor
     """The observations of `arrays`, on the device, shape (S, ...)."""
     demonstrations: Steps
@@ -83,7 +83,7 @@ class Problem:
     """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
     spec: NetworkSpec
     rng: np.random.Generator
-    """The source of all randomness except weights and dropout, for which torch's is used."""
+    """The source of all randomness except weights and dropout, which use torch's generator."""
 
     @property
     def device(self) -> torch.device:
@@ -92,27 +92,27 @@ class Problem:
 
     @cached_property
     def examples(self) -> ExampleSampler:
-        """The source of pictures drawn from the demonstrations, as they are or relabelled."""
+        """A sampler of pictures from the demonstrations, as they are or relabelled."""
         return ExampleSampler(self.arrays)
 
 
 class Learner(ABC):
     """A method during training.
 
-    Its attributes are its state, which checkpoints keep: networks, optimizers, arrays and numbers.
-    Nothing else may change between epochs.
+    Checkpoints save its attributes, which may be networks, optimizers, arrays and numbers. Nothing
+    else may change between epochs.
     """
 
     policy: nn.Module
-    """The network that is evaluated and kept; its highest output is the action."""
+    """The network that is evaluated and kept; the action is its highest output."""
     selected_by: ClassVar[str] = "validation_sr"
-    """The figure of which the policy that is kept has the highest value."""
+    """The metric by which the best policy is selected; higher is better."""
     max_gradient: ClassVar[float] = inf
     """The norm to which the gradients of a step are clipped."""
     own_network: ClassVar[bool] = False
-    """Whether a method of the user has a network for pictures of its own, in place of `encoder`."""
+    """Whether a user's method has its own network for pictures, in place of `encoder`."""
     protocol: ClassVar[str | None] = None
-    """The only protocol of the method; None for a method of all but `authors`."""
+    """The only protocol that the method supports; None for all protocols but `authors`."""
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         self.problem = problem
@@ -122,18 +122,18 @@ class Learner(ABC):
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network for the policy; a method may have another one than `Network`."""
+        """Return a fresh network for the policy; override this to use another class."""
         return Network(spec)
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
-        """Return the pixels on each side of pictures of labyrinths of another size.
+        """Return the pixels on each side of the pictures that the policy sees.
 
         Args:
             spec: The network, with the size of the labyrinths that it was trained on.
             settings: The settings of the method.
-            height: The number of rows of the others.
-            width: The number of columns.
+            height: The number of rows of the labyrinths to act in, which may have another size.
+            width: The number of their columns.
 
         Raises:
             ConfigError: The policy cannot see labyrinths of that size.
@@ -147,39 +147,39 @@ class Learner(ABC):
         train: LabyrinthArrays,  # noqa: ARG003
         validation: LabyrinthArrays,  # noqa: ARG003
     ) -> dict[str, float]:
-        """Return further figures, besides success rates, of a policy tried during training."""
+        """Return the metrics, besides success rates, of a policy evaluated during training."""
         return {}
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
-        """Return the figures of a policy by the protocol's own rules, if the protocol has rules."""
+        """Return the figures of a policy under the protocol's own rules, if it has any."""
         return {}
 
     @classmethod
     def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
-        """Return the policy of a network as it acts, in any of the forms that `evaluate` takes.
+        """Return the policy that acts, in any form that `evaluate` accepts.
 
-        By default it is a function, which remembers nothing, so it is evaluated by look-ups. A
-        method whose policy remembers returns an object with `reset(count)` and
-        `act(observations)`, which is stepped both during training and in evaluation.
+        By default it is a function, which has no memory and so is evaluated by look-ups. A method
+        whose policy has a memory returns an object with `reset(count)` and `act(observations)`,
+        which then plays the episodes step by step, during training and in evaluation.
 
         Args:
-            policy: The function of a network, from B observations to scores of shape (B, 4).
-            spec: The network, with the size of the labyrinths that it acts in.
+            policy: A function from B observations to scores of shape (B, 4).
+            spec: The network, with the size of the labyrinths to act in.
             settings: The settings of the method.
         """
         return policy
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:
-        """Train for an epoch; return figures to show and keep, among them `loss`."""
+        """Train for an epoch; return metrics to log, among them `loss`."""
 
     def network(self, outputs: int = ACTIONS, frames: int = 1) -> Network:
         """Return a fresh network with the run's encoder; see `Network`."""
         return Network(self.problem.spec, outputs, frames).to(self.problem.device)
 
     def adam(self, network: nn.Module) -> Adam:
-        """Return an optimizer for a network."""
+        """Return an Adam optimizer for a network."""
         return Adam(network.parameters(), lr=self.settings.learning_rate)
 
     def descend(self, optimizer: Adam, loss: Tensor) -> None:
@@ -195,16 +195,16 @@ class Learner(ABC):
         return torch.as_tensor(array, device=self.problem.device)
 
     def see(self, *states: NDArray[np.int64]) -> Tensor:
-        """Return the observations of states; of several, concatenated along the last axis."""
-        seen = self.problem.observations  # Indexed by [] it would be ten times slower.
+        """Return the observations of states; of several arrays, concatenated on the last axis."""
+        seen = self.problem.observations  # Indexing by [] is ten times slower.
         return torch.cat([seen.index_select(0, self.tensor(each)) for each in states], -1)
 
     def outputs(self, network: nn.Module) -> Tensor:
-        """Return a network's outputs in all states, in evaluation mode, shape (S, outputs)."""
+        """Return a network's outputs for all states, in evaluation mode, shape (S, outputs)."""
         return outputs_of(network, self.problem.observations)
 
     def batches(self, count: int) -> list[NDArray[np.int64]]:
-        """Return the numbers below `count` in random order, divided into batches."""
+        """Return the numbers from 0 to `count` - 1 in random order, split into batches."""
         order = self.problem.rng.permutation(count)
         return np.array_split(order, -(-count // self.settings.batch_size))
 
@@ -215,12 +215,12 @@ class Learner(ABC):
         states: tuple[NDArray[np.int64], ...],
         labels: NDArray[np.int64],
     ) -> float:
-        """Fit a classifier to labels in one pass over them; return the mean cross-entropy.
+        """Train a classifier for one pass over its labels; return the mean cross-entropy.
 
         Args:
             network: The classifier, which is set to training mode.
             optimizer: The classifier's optimizer.
-            states: Numbers of states, shape (N,); several such arrays for a network that sees
+            states: The numbers of N states, shape (N,); several arrays for a network that sees
                 several states at once.
             labels: The classes, shape (N,).
         """
@@ -235,7 +235,7 @@ class Learner(ABC):
 
 
 def require_square(what: str, height: int, width: int, advice: str = "") -> None:
-    """Raise a ConfigError, which names what cannot see them, if labyrinths are not square."""
+    """Raise a ConfigError if labyrinths are not square; `what` names the part that needs it."""
     check(
         height == width,
         f"size={height}x{width}: {what} needs as many rows as columns{advice}",
@@ -243,7 +243,7 @@ def require_square(what: str, height: int, width: int, advice: str = "") -> None
 
 
 def same_scale(spec: NetworkSpec, height: int, width: int) -> int:
-    """Return the pixels on each side with which cells are as large as those trained on."""
+    """Return the picture size, in pixels, that gives cells the size they had in training."""
     return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
 
@@ -253,8 +253,8 @@ def find(
     """Return a method and its settings.
 
     Args:
-        name: The name of a method, such as `bc`, or `module:Class` of the user.
-        values: The values of some settings; the others have their defaults.
+        name: The name of a method, such as `bc`, or `module:Class` for a user's method.
+        values: Values of settings; the other settings have their defaults.
         protocol: One of `PROTOCOLS`.
 
     Raises:
@@ -267,7 +267,8 @@ def find(
         module = import_module(f"pipeline.training.methods.{name}")
         method, settings = module.Method, module.Settings
     allowed = [method.protocol] if method.protocol else ["default", "paper"]
-    check(protocol in allowed, f"protocol={protocol}: method={name} is for {' or '.join(allowed)}")
+    supported = f"method={name} supports only {' or '.join(allowed)}"
+    check(protocol in allowed, f"protocol={protocol}: {supported}")
     given = {key: value for key, value in values.items() if key != "name"}
     for each in fields(settings):
         there = each.name in given or each.default is not MISSING
@@ -278,10 +279,10 @@ def find(
 
 
 def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
-    """Return the class `module:Class`, and the class `Settings` beside it or else the usual one.
+    """Return a user's class `module:Class`, and its module's `Settings`, if any, or `BaseSettings`.
 
     Raises:
-        ConfigError: There is no such class, it is no method, or it has the name of one of ours.
+        ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
     """
     method = named("method", name)
     settings = getattr(import_module(name.partition(":")[0]), "Settings", BaseSettings)
@@ -294,7 +295,7 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
         isclass(settings)
         and issubclass(settings, BaseSettings)
         and "__dataclass_fields__" in vars(settings),
-        f"method={name}: Settings beside it has to be a dataclass that inherits from BaseSettings",
+        f"method={name}: its Settings class has to be a dataclass that inherits from BaseSettings",
     )
     title = TrainingOptions(method={"name": name}).method_title
     check(

@@ -1,34 +1,35 @@
-"""A planner, which learns to see the costs of steps and plans with them; its network: `planning`.
+"""The planner: learns the costs of steps from pictures, and plans with them.
 
-It builds on value iteration networks (Tamar et al. 2016), which plan inside a network that is
-trained by imitation, and on value propagation (Nardelli et al. 2019), which learns where values
+Its network is in `labyrinth_core.policies.networks.planning`.
+
+The planner builds on value iteration networks (Tamar et al. 2016), which plan inside a network that
+is trained by imitation, and on value propagation (Nardelli et al. 2019), which learns where values
 pass; on recurrent networks that are trained on small mazes and iterate longer on larger ones, with
 tied weights and recall of the input (Schwarzschild et al. 2021; Bansal et al. 2022); on hindsight
 relabelling (Andrychowicz et al. 2017); and on averaging over symmetries, which Cohen and Welling
 (2016) build into the weights. The loss is that of behavioural cloning.
 
-It learns from the demonstrations of the split train only: no steps of its own, no other labyrinths.
-But it has prior knowledge that the other methods do not have, so that it has to learn little more
-than what walls and goal look like. Each part of this knowledge can be switched off:
+It learns from the demonstrations of the split train only, without steps of its own. But it has
+prior knowledge that the other methods lack, so that it has to learn little more than what walls and
+goal look like. Each part of this knowledge can be switched off:
 
-- `augment`: a transformed labyrinth is solved by transformed actions (`symmetry`), which also says
-  how actions and directions belong together.
-- `relabel`: a part of a route is a route, also in reverse, and can be drawn with another start and
-  goal (`relabelling`), in the colours that these have.
+- `augment`: transformed actions solve a transformed labyrinth (`symmetry`). This also tells the
+  planner how actions and directions correspond.
+- `relabel`: a part of a route is a route, also in reverse, and can be drawn with a new start and
+  goal in their usual colours (`relabelling`).
 - `average`: the policy's outputs are averaged over the eight symmetries of the picture.
-- `path_prior`: a layer that solves for shortest paths, and with it the dynamics: which action leads
+- `path_prior`: a layer that computes shortest paths. It contains the dynamics: which action leads
   to which neighbour, and that the costs of steps add up. If two labels are exchanged, as if up led
   to the right, it cannot learn (docs/studies/generalisation.md). Without it, planning is an
-  iterated gated convolution, which knows nothing of what actions do.
-- `sharpness`, with `path_prior` and `grid_prior`: the costs are raised to a power when acting. It
-  is not learnt, and cannot be selected on validation, all of which powers from 1 to 8 solve. 3 was
-  chosen on labyrinths of 10x10 and 25x25, which no other method saw; 1 leaves the costs as they
-  are.
-- `grid_prior`: the number of pixels of a cell, so that the internal grid has one position per cell,
-  and cells of larger labyrinths are shown in as many pixels.
-- `colour_prior`: the agent's colour, by which it is found. Without it, attention learns to find the
-  agent. With both `grid_prior` and `colour_prior`, the actions of all states on a route are learnt
-  from each picture of one of them.
+  iterated gated convolution, which does not know what actions do.
+- `sharpness`, with `path_prior` and `grid_prior`: costs are raised to this power when acting. The
+  power is not learnt, and cannot be selected on validation: every power from 1 to 8 solves all of
+  it. 3 was chosen on labyrinths of 10x10 and 25x25, which no other method saw; 1 has no effect.
+- `grid_prior`: the number of pixels per cell, so that the internal grid has one position per cell,
+  and cells of larger labyrinths are drawn with the same number of pixels.
+- `colour_prior`: the agent's colour, which locates the agent. Without it, attention learns to find
+  the agent. With both `grid_prior` and `colour_prior`, each picture of a state on a route teaches
+  the actions of all states on the route.
 """
 
 from __future__ import annotations
@@ -48,14 +49,14 @@ from pipeline.training.methods.method import require_square, same_scale
 from pipeline.training.methods.relabelling import NO_LABEL
 
 RISE, FALL = 0.05, 0.5
-"""The shares of the training in which the learning rate rises and falls, at its two ends."""
+"""The shares of training, at its start and end, in which the learning rate rises and falls."""
 MAX_GRADIENT = 1.0
-"""The norm to which gradients are clipped; many iterations make some of them large."""
+"""The norm to which gradients are clipped; with many iterations some become large."""
 
 
 @dataclass(frozen=True)
 class Settings(PlannerSpec, bc.Settings):
-    """An epoch is `pictures` pictures; the learning rate rises at first and falls at last."""
+    """An epoch is `pictures` pictures; the learning rate rises at the start, falls at the end."""
 
     epochs: int = 30
     evaluate_every: int = 10
@@ -73,7 +74,7 @@ class Settings(PlannerSpec, bc.Settings):
 
 
 class Method(bc.Method):
-    """The policy; its optimizer counts the gradient steps, on which the learning rate depends."""
+    """The policy; its optimizer counts the gradient steps, which set the learning rate."""
 
     max_gradient = MAX_GRADIENT
 
@@ -84,7 +85,7 @@ class Method(bc.Method):
 
     @classmethod
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:
-        """Return as many pixels for each cell as the planner was trained with."""
+        """Return the picture size with as many pixels per cell as in training."""
         _require_square(settings, height, width)
         return same_scale(spec, height, width)
 

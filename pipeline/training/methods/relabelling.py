@@ -3,10 +3,10 @@
 Relabelling takes any two states of an episode as start and goal: a part of a shortest route is a
 shortest route, so it demonstrates the way between its ends (hindsight: Kaelbling 1993; Andrychowicz
 et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. In
-labyrinths with a door nothing is reversed, and a part is taken only if it is a complete episode of
-the labyrinth with the new start and goal, from before the key to behind the door. An episode
-without such a part is taken as it is. The picture with the new start
-and goal is drawn from `info`, which adds nothing to what the demonstration's own pictures show.
+labyrinths with a door nothing is reversed, and a part is used only if it is a complete episode of
+the labyrinth with the new start and goal, from before the key to behind the door; an episode
+without such a part is used whole. The picture with the new start and goal is drawn from `info`,
+which adds nothing to what the demonstration's own pictures show.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ NO_LABEL = -1
 
 
 class ExampleSampler:
-    """Draws examples from the demonstrated episodes."""
+    """Samples training examples from the demonstrated episodes."""
 
     def __init__(self, arrays: LabyrinthArrays) -> None:
         """Replay the episodes of `arrays`."""
@@ -36,25 +36,25 @@ class ExampleSampler:
             labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
             self.episodes.append(replay(labyrinth, route.tolist()))
         self.parts = [_parts(episode) for episode in self.episodes]
-        """Of each episode, the pairs of indices of states that can be start and goal."""
+        """For each episode, the index pairs of the states that can be start and goal."""
 
     def draw(
         self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
     ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
-        """Return pictures of states on parts of episodes, all at random, and their labels.
-
-        The shape of the pictures is (N, size, size, 3). The labels are the agent's actions, shape
-        (N,); or the actions in every cell, shape (N, height, width), rows from the top, with
-        `NO_LABEL` where none is demonstrated.
+        """Sample states of episodes, or of parts of episodes; return their pictures and labels.
 
         Args:
-            count: The number of examples, at least 1.
-            rng: Draws them.
-            relabel: Whether the part is between any two states of the episode, or all of it.
-            whole: Whether the labels are the actions in all cells of the part, or the agent's
-                action alone. Under partial observability the agent's cell alone is labelled.
-                Labels are the actions taken with the key if the agent has it, else those without
-                it.
+            count: The number of examples N, at least 1.
+            rng: The source of the sample.
+            relabel: Whether to take a part between two states of an episode, or all of it.
+            whole: Whether to label all cells of the part, or only the agent's. Under partial
+                observability only the agent's cell is labelled. If the agent has the key, labels
+                are the actions taken with the key, else those taken without it.
+
+        Returns:
+            The pictures, shape (N, size, size, 3), and the labels: the agent's actions, shape (N,),
+            or the actions in every cell, shape (N, height, width), rows from the top, `NO_LABEL`
+            where no action is demonstrated.
         """
         drawn = [self.example(rng, relabel, whole) for _ in range(count)]
         views, labels = zip(*drawn, strict=True)
@@ -63,7 +63,7 @@ class ExampleSampler:
     def example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
     ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
-        """Return a drawn example: a state and the label."""
+        """Return a random example: a labyrinth with a state, and the label."""
         number = rng.integers(len(self.episodes))
         episode, parts = self.episodes[number], self.parts[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
@@ -87,21 +87,21 @@ class ExampleSampler:
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:
-    """Raise a ConfigError if the dataset's routes are not all shortest ones.
+    """Raise a ConfigError unless all demonstrated routes are shortest.
 
-    A part of a longer route need not be a shortest way between its ends.
+    A part of a longer route need not be a shortest route between its ends.
     """
     longer = int(arrays.demonstrated[~arrays.optimal].sum())
     check(
         not longer,
-        f"method.relabel=true: parts of routes are demonstrations only if the routes are shortest, "
-        f"but {longer} of {arrays.demonstrated.sum()} demonstrated actions are not on one; give "
+        f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
+        f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
         "method.relabel=false",
     )
 
 
 def _action(episode: Episode, index: int, step: int) -> int:
-    """Return the action in a state of an episode, or the one back to the state before it."""
+    """Return the action in a state of an episode, or for `step` -1 the one that undoes the last."""
     return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
 
 
@@ -111,7 +111,7 @@ def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
 
 
 def _parts(episode: Episode) -> list[tuple[int, int]]:
-    """Return the pairs of indices of states that can be start and goal of an example."""
+    """Return the index pairs of the states that can be start and goal of an example."""
     pairs = permutations(range(len(episode) + 1), 2)
     if episode.labyrinth.door is None:
         cells = [state.agent for state in episode.states]

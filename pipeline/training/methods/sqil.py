@@ -1,25 +1,24 @@
 """Soft Q imitation learning, SQIL (Reddy, Dragan and Levine 2020).
 
-Off-policy soft Q-learning on a buffer of demonstrations, whose steps have the reward 1, and of the
-learner's own steps, whose reward is 0; half of each batch is from either. The loss is the mean of
+Off-policy soft Q-learning on the demonstrations, whose steps have reward 1, and on the learner's
+own steps, which have reward 0; half of each batch comes from either. The loss is the mean of
 (Q(s, a) - y)^2 (Algorithm 1, with lambda_samp = 1), where
 
     y = r + gamma V(s'),    V(s) = tau log sum_a exp(Q(s, a) / tau),
 
-and the policy acts by softmax(Q / tau). The policy that is evaluated takes the highest Q.
+and the policy acts by softmax(Q / tau). When evaluated, it takes the action with the highest Q.
 
-The goal is absorbing: an expert that has reached it stays there and keeps receiving the reward 1,
-so that V(goal) = (1 + tau log 4) / (1 - gamma), no matter who reached it. If V(goal) were 0,
-avoiding the goal would be optimal, since no reward is negative. Ice is absorbing as well, and worth
-nothing, since no expert is ever there.
+The goal is absorbing: an expert that has reached it stays there and keeps receiving reward 1, so
+that V(goal) = (1 + tau log 4) / (1 - gamma), no matter whether the expert or the learner reached
+it. If V(goal) were 0, avoiding the goal would be optimal, since no reward is negative. Ice is
+absorbing as well, with value 0, since no expert is ever there.
 
-Departures: the absorbing goal and ice, which Algorithm 1 does not have, and with them gamma, which
-has to be below 1 for V(goal) to be finite and is our choice, 0.9; V(s') is from a target network, a
-table of the values of all states that is recomputed once per epoch; the agent acts in all training
-labyrinths in lock-step; the temperature tau, 1 in the paper, is a setting. The network is trained
-in evaluation mode, without dropout and with running statistics that are computed once, at the
-beginning, from all states, so that the targets are from the network in the mode in which it is
-trained.
+Departures: the absorbing goal and ice, which Algorithm 1 does not have; gamma, which has to be
+below 1 for V(goal) to be finite and is our choice, 0.9; V(s') comes from a table of the values of
+all states, which is recomputed once per epoch and takes the place of a target network; the agent
+acts in all training labyrinths in lock-step; the temperature tau, 1 in the paper, is a setting. The
+network is trained in evaluation mode, without dropout and with running statistics that are computed
+once, at the beginning, from all states, so that targets and predictions come from the same mode.
 """
 
 from __future__ import annotations
@@ -39,7 +38,7 @@ from pipeline.training.methods.method import BaseSettings, Learner, Problem, set
 
 @dataclass(frozen=True)
 class Settings(BaseSettings):
-    """An epoch is some steps in every labyrinth and some gradient steps."""
+    """An epoch is `steps` steps in every labyrinth, then `updates` gradient steps."""
 
     epochs: int = 150
     batch_size: int = setting(
@@ -47,9 +46,7 @@ class Settings(BaseSettings):
     )
     updates: int = setting(30, "number of gradient steps in an epoch", at_least=1)
     steps: int = setting(10, "number of steps in each labyrinth in an epoch", at_least=1)
-    buffer: int = setting(
-        50_000, "number of the learner's last steps that are remembered", at_least=1
-    )
+    buffer: int = setting(50_000, "number of the learner's latest steps that are kept", at_least=1)
     gamma: float = setting(
         0.9, "discount factor; with 1 the value of the goal would be infinite", at_most=0.999
     )
@@ -57,7 +54,7 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """Q, and the learner's own steps, an array (N, 3) of s, a, s'."""
+    """Q, and the learner's own steps, an array of rows (s, a, s'), shape (N, 3)."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -75,7 +72,7 @@ class Method(Learner):
         return {"loss": float(np.mean(losses)), "value": float(self.values.mean())}
 
     def soft_values(self, q: Tensor) -> NDArray[np.float64]:
-        """Return V of all states, shape (S,), from Q of all states, shape (S, 4)."""
+        """Return V for all states, shape (S,), given Q for all states, shape (S, 4)."""
         settings, arrays = self.settings, self.problem.arrays
         tau = settings.temperature
         values: NDArray[np.float64] = (tau * torch.logsumexp(q.double() / tau, 1)).cpu().numpy()
@@ -84,7 +81,7 @@ class Method(Learner):
         return np.where(arrays.terminal, np.where(arrays.goal, forever, 0), values)
 
     def act(self, q: Tensor) -> None:
-        """Take some steps in every labyrinth, and add them to the buffer."""
+        """Take `steps` steps in every labyrinth, and add them to the buffer."""
         settings, problem = self.settings, self.problem
         probabilities = softmax(q / settings.temperature)
         rollout = roll_out(

@@ -1,1 +1,1 @@
-"""What `compare_environments.py` measures: environments, their experts and episodes."""
+"""The parts of `compare_environments.py`: environments, experts, summaries of episodes, report."""

@@ -1,8 +1,8 @@
-"""The discretisation on which episodes are counted, and distances between such counts.
+"""Reduce episodes to counts at fixed points, and measure distances between counts.
 
-An episode becomes, for each dimension of states and continuous actions, the number of its values
-at or below each of some points, and for discrete actions the number of each action. Such counts
-are additive: the sum over many episodes gives their pooled distribution functions at these points.
+For each dimension of the states and of continuous actions, an episode is reduced to the number of
+values at or below each point; for discrete actions, to the number of each action. These counts are
+additive: their sum over many episodes gives the pooled distribution functions at the points.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from environments.environment import Environment, Trajectory
 from pipeline.inspection.shift import Floats, jensen_shannon, wasserstein_of_counts
 
 POINTS = 32
-"""The number of evenly spaced points, and of quantiles, of a continuous dimension."""
+"""The number of evenly spaced points, and of quantiles, for a continuous dimension."""
 BINS = 48
-"""The number of bins of a map of visits in each direction, where its values are continuous."""
+"""The number of bins of a map of visits in each direction, if its values are continuous."""
 
 _MARGIN = 0.1
-"""The share of the range that is added at both ends, for episodes that go farther."""
+"""The share of the range that is added at both ends, for episodes beyond the range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,18 +32,18 @@ class Axes:
     """Several dimensions, each with the points at which distributions are compared."""
 
     points: tuple[Floats, ...]
-    """Ascending; values beyond the first and the last count as these."""
+    """In ascending order; values beyond the first or last point count as that point."""
 
     @classmethod
     def through(cls, values: Floats) -> Axes:
-        """Return axes that suit some values, shape (n, dimensions)."""
+        """Return axes that cover `values`, shape (n, dimensions)."""
         return cls(tuple(_points(column) for column in values.T))
 
     def counts(self, values: Floats) -> NDArray[np.int64]:
         """Return the number of values at or below each point, dimension after dimension.
 
-        A value counts as the nearest point, so that the sums which `distances` takes for areas
-        are off by little more than the square of the distance between two points.
+        A value counts as the nearest point. The error of `distances`, which takes sums for areas,
+        is then little more than the square of the distance between two points.
 
         Args:
             values: Shape (n, dimensions).
@@ -83,7 +83,7 @@ def _points(values: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class Discretisation:
-    """The points at which all episodes of an environment are counted."""
+    """The points at which the values of an environment's episodes are counted."""
 
     actions: Axes | int
     """The number of actions if they are discrete."""
@@ -95,7 +95,7 @@ class Discretisation:
 
     @classmethod
     def around(cls, environment: Environment, pilots: Iterable[Trajectory]) -> Discretisation:
-        """Return a discretisation that suits some first episodes and others like them."""
+        """Return a discretisation that covers pilot episodes, and others like them."""
         states = np.concatenate([pilot.states for pilot in pilots])
         actions: Axes | int
         if isinstance(environment.actions, int):
@@ -108,7 +108,7 @@ class Discretisation:
 
     @property
     def fingerprint(self) -> str:
-        """The SHA-256 of all points; counts with different ones cannot be compared."""
+        """The SHA-256 of all points; counts at different points cannot be compared."""
         actions = () if isinstance(self.actions, int) else self.actions.points
         points = [each.tolist() for each in (*actions, *self.states.points, self.across, self.up)]
         return hashlib.sha256(json.dumps(points).encode()).hexdigest()
@@ -125,9 +125,9 @@ class Discretisation:
         """Return the distances between two sums of counts, shape (..., counts).
 
         Returns:
-            That of the actions, shape (...): Jensen-Shannon if they are discrete, otherwise the
-            mean of the Wasserstein distances in each dimension. And those of the states in each
-            dimension, in its unit, shape (..., dimensions).
+            The distance of the actions, shape (...): Jensen-Shannon if they are discrete, otherwise
+            the mean of the Wasserstein distances in each dimension. The distances of the states in
+            each dimension, in its unit, shape (..., dimensions).
         """
         of_states = -sum(map(len, self.states.points))
         actions_a, actions_b = a[..., :of_states], b[..., :of_states]

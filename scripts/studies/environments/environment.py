@@ -1,4 +1,4 @@
-"""The environments that are compared, with their experts."""
+"""The environments to compare, with their experts."""
 
 from __future__ import annotations
 
@@ -40,16 +40,16 @@ class Environment:
     """An environment with its expert, ready to play."""
 
     play: Callable[[int], Trajectory]
-    """Seed -> the expert's episode from the initial state that this seed gives."""
+    """Seed -> the expert's episode from the seed's initial state."""
     actions: int | tuple[Floats, Floats]
     """The number of discrete actions, or the bounds of continuous ones."""
     on_map: Callable[[Floats], Floats]
-    """States (n, dimensions) -> their places on a map of visits, across and up, shape (n, 2)."""
+    """States (n, dimensions) -> their coordinates on a map of visits, across and up, (n, 2)."""
 
 
 @dataclass(frozen=True)
 class Facts:
-    """The map of visits of an environment, and the original's figures for it."""
+    """The map of visits of an environment, and the figures that the original reports for it."""
 
     labels: tuple[str, str]
     """The labels of a map of visits, across and up."""
@@ -85,7 +85,7 @@ def environment_of(name: str, dataset: DatasetConfig) -> Environment:
 
 
 def _labyrinths(config: DatasetConfig) -> Environment:
-    """Return labyrinths with the solver; a seed gives the one that it gives in `LabyrinthEnv`."""
+    """Return labyrinths with the solver; a seed gives the same labyrinth as in `LabyrinthEnv`."""
     size = config.height, config.width
 
     def play(seed: int) -> Trajectory:
@@ -137,7 +137,7 @@ def _gymnasium(name: str) -> Environment:
 
 
 def quiet_mujoco() -> None:
-    """Keep MuJoCo from writing a file of warnings into the working directory."""
+    """Keep MuJoCo from writing a log of warnings into the working directory."""
     import mujoco
 
     def warn(message: str) -> None:

@@ -1,4 +1,4 @@
-"""Episodes reduced to counts, so that a hundred thousand episodes fit in memory."""
+"""Reduce episodes to counts, so that a hundred thousand episodes fit in memory."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from pipeline.inspection.shift import Floats
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """Some episodes: their counts, and what else is measured of them."""
+    """The counts of several episodes, and other statistics."""
 
     counts: NDArray[Any]
-    """The counts of each episode, as in `Discretisation.counts`, shape (episodes, counts)."""
+    """`Discretisation.counts` of each episode, shape (episodes, counts)."""
     means: Floats
     """The mean of each episode's actions (the share of each discrete one) and states, shape
     (episodes, dimensions)."""
@@ -41,12 +41,12 @@ class Summary:
 
     @classmethod
     def of(cls, environment: Environment, discretisation: Discretisation, seeds: range) -> Summary:
-        """Play the episodes of some seeds, and summarise them."""
+        """Play the episodes of seeds, and summarise them."""
         return cls.joined([_summary(environment, discretisation, seed) for seed in seeds])
 
     @classmethod
     def joined(cls, parts: Sequence[Summary]) -> Summary:
-        """Return the summary of all episodes of some summaries, in their order."""
+        """Concatenate summaries in order."""
         columns = {
             field.name: [getattr(part, field.name) for part in parts] for field in fields(cls)
         }
@@ -58,18 +58,18 @@ class Summary:
         )
 
     def save(self, path: Path) -> None:
-        """Write it to a file, which is whole or absent."""
+        """Write the summary to a file, atomically."""
         content = io.BytesIO()
         np.savez_compressed(content, **vars(self))
         write_bytes(path, content.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Summary | None:
-        """Return the summary in a file; None if the file is absent or damaged."""
+        """Read a summary; return None if the file is missing or damaged."""
         try:
             with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
                 return cls(**arrays)
-        except Exception:  # Of any kind: a damaged archive has many.
+        except Exception:  # A damaged archive can raise any error.
             return None
 
 

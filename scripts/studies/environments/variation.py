@@ -1,4 +1,4 @@
-"""The differences between the episodes of even and of odd seeds."""
+"""Measure the differences between the episodes of even and of odd seeds."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from environments.summaries import Summary
 from pipeline.inspection.shift import Floats, cohens_d, holm, permutation_test
 
 PAIRS = 1_000
-"""The number of pairs of episodes, one of each half, that are compared one by one."""
+"""The maximum number of pairs of episodes, one from each half, that are compared individually."""
 
 
 @dataclass(frozen=True)
@@ -20,15 +20,15 @@ class Difference:
     """The difference between the two halves, in their actions or in their states."""
 
     distance: float
-    """Jensen-Shannon distance of discrete actions; else Wasserstein, mean of the dimensions."""
+    """Jensen-Shannon for discrete actions; else Wasserstein, averaged over dimensions."""
     p_value: float
     """From a permutation test that exchanges whole episodes."""
     effect: float
-    """The absolute value of Cohen's d between the means of episodes, mean of the dimensions."""
+    """The absolute value of Cohen's d between means of episodes, averaged over dimensions."""
     two_episodes: float
-    """The same distance between two episodes, mean of up to `PAIRS` pairs."""
+    """The same distance between two episodes, averaged over up to `PAIRS` pairs."""
     holm: float = 1.0
-    """The p-value with Holm's correction over a whole report; `corrected` sets it."""
+    """The p-value with Holm's correction over the whole report, set by `corrected`."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +48,11 @@ class Variation:
     state_distances: tuple[float, ...]
     """The distance in each scaled dimension of the state; 0 in those that never change."""
     first_states: float
-    """The Manhattan distance between two first states, mean of all pairs."""
+    """The Manhattan distance between two first states, averaged over all pairs."""
     first_states_scaled: float
-    """The same distance in scaled dimensions, mean of those that change."""
+    """The same distance in scaled dimensions, averaged over those that change."""
     beyond: float
-    """How far states went beyond the points of the discretisation, as a share of their range."""
+    """The distance of states beyond the points of the discretisation, as a share of their range."""
 
 
 def measure(name: str, discretisation: Discretisation, summary: Summary, seed: int) -> Variation:
@@ -60,7 +60,7 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
 
     Args:
         name: The name of the environment.
-        discretisation: The points at which its episodes were counted.
+        discretisation: The points at which its values were counted.
         summary: The summary of all episodes, in the order of the seeds 0, 1, ...
         seed: The seed of the permutations.
     """
@@ -103,13 +103,13 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
 
 
 def manhattan_distances(points: Floats) -> Floats:
-    """Return the distance between two points in each dimension, the mean of all pairs.
+    """Return the distance between two points in each dimension, averaged over all pairs.
 
     Args:
         points: Shape (n, dimensions), n at least 2.
     """
     count = len(points)
-    # Sorted, the i-th value (from 0) is above i others and below count - 1 - i.
+    # The i-th sorted value (from 0) is above i others and below count - 1 - i.
     weights = 2.0 * np.arange(count) - (count - 1)
     return np.asarray(weights @ np.sort(points, axis=0) / (count * (count - 1) / 2), np.float64)
 

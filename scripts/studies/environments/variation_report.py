@@ -1,4 +1,4 @@
-"""The report on environments: tables in three formats, and maps of visits."""
+"""Write the report on environments: tables in three formats, and maps of visits."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ _FIRST = {
 """The columns of the three tables: headings, and formats of an environment's values."""
 
 MAPS = "visits"
-"""The name of the pictures, before `.png` and `.svg`."""
+"""The file name of the pictures, without `.png` and `.svg`."""
 
 
 def write_report(
@@ -88,7 +88,7 @@ def write_report(
 
 
 def _csv(values: Sequence[Values]) -> str:
-    """Return a row of numbers for each environment; nested values are in columns `part.name`."""
+    """Return a CSV with a row for each environment; nested values are in columns `part.name`."""
     rows = []
     for each in values:
         row: dict[str, Any] = {}
@@ -105,8 +105,8 @@ def columns_of(values: Sequence[Values], columns: Mapping[str, str]) -> str:
     """Return a table of environments as Markdown.
 
     Args:
-        values: The values of each, as in `environments.json`.
-        columns: Heading -> how the values are shown.
+        values: The values of each environment, as in `environments.json`.
+        columns: Heading -> the format of its cells.
     """
     rows = [[cell.format(**each) for cell in columns.values()] for each in values]
     return table(list(columns), rows)
@@ -127,16 +127,16 @@ def _markdown(values: Sequence[Values]) -> str:
 
 
 def drawn_visits(maps: Mapping[str, tuple[Discretisation, Visits]]) -> dict[str, bytes]:
-    """Return the maps of visits as PNG and SVG, by the names of their files.
+    """Return the maps of visits as PNG and SVG, by file name.
 
-    There is a column for each environment, even seeds above odd ones.
+    There is a column for each environment, with even seeds above odd seeds.
     """
     figure = Figure(figsize=(2.5 * len(maps), 5.2), layout="constrained")
     axes = figure.subplots(2, len(maps), squeeze=False, sharex="col", sharey="col")
     for column, (name, (discretisation, visits)) in enumerate(maps.items()):
         across, up = FACTS[name].labels
         shares = visits / visits.sum(axis=(1, 2), keepdims=True)
-        # Some places are visited a hundred times as often as others: a root shows the rare ones.
+        # Visits vary by a factor of 100: a square root makes the rare places visible.
         norm = PowerNorm(0.5, 0, shares.max())
         for row, seeds in enumerate(("even seeds", "odd seeds")):
             panel = axes[row, column]

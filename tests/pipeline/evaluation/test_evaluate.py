@@ -145,7 +145,7 @@ def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
     vectors = {"encoder": "mlp", "observation": "vector"}
     train.run(run_of(small_dataset.data_dir, tmp_path, **vectors))
     for name, error, message in (
-        ("3x4", ConfigError, r"evaluate_on=.*/3x4: .* at 3x4 than at 3x3, .*"),
+        ("3x4", ConfigError, r"evaluate_on=.*/3x4: .* vectors of 3x3, .* of 3x4"),
         ("9x9", DatasetError, "config=9x9: .*"),
     ):
         run = run_of(small_dataset.data_dir, tmp_path, **vectors, evaluate_on=f"{datasets}/{name}")

@@ -120,7 +120,7 @@ def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folde
     results = folder / "runs" / "3x3" / "strange-right"
     content = json.loads((results / "results.json").read_text(encoding="utf-8"))["splits"]["test"]
     pictures = sorted((results / "attempts").glob("*.gif"))
-    assert f"{results / 'attempts'} has 3 moving pictures." in capsys.readouterr().out
+    assert f"{results / 'attempts'} has 3 animated GIFs." in capsys.readouterr().out
     failed = [
         number
         for number, outcome in zip(content["labyrinth_ids"], content["outcomes"][0], strict=True)

@@ -281,7 +281,7 @@ def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset
     content = json.loads((path.parent / MANIFEST).read_bytes())
     content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
     (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(DatasetError, match="the table of labyrinths is not of its episodes"):
+    with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
 

@@ -104,9 +104,9 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
     [
         ({"name": "bc, CNN"}, r"\S*bc-cnn-seed0\.json has the same name, BC, cnn, on the .*"),
         ({"name": "BC-cnn-seed0 "}, r"\S*bc-cnn-seed0\.json has the same name, bc-cnn-seed0, .*"),
-        ({"name": " dagger"}, "name= dagger is for runs"),
+        ({"name": " dagger"}, "name= dagger is reserved for runs"),
         ({"name": "m\uff49ne "}, r"\S*a\.json has the same name, Mine, on the same dataset"),
-        ({"author": "labyrinth  DATASETS"}, "author=Labyrinth datasets is for runs"),
+        ({"author": "labyrinth  DATASETS"}, "author=Labyrinth datasets is reserved for runs"),
     ],
 )
 def test_a_name_of_ours_or_of_another_submission_is_refused(
@@ -127,8 +127,8 @@ def test_a_name_of_ours_or_of_another_submission_is_refused(
 @pytest.mark.parametrize(
     ("changed", "where", "why"),
     [
-        ({}, "3x3/bc-cnn-seed1", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
-        ({}, "5x5/bc-cnn-seed0", "it is of the run 3x3/bc-cnn-seed0, not of this one"),
+        ({}, "3x3/bc-cnn-seed1", "it belongs to the run 3x3/bc-cnn-seed0, not to this one"),
+        ({}, "5x5/bc-cnn-seed0", "it belongs to the run 3x3/bc-cnn-seed0, not to this one"),
         ({"encoder": "vit"}, "3x3/bc-vit-seed0", r"encoder=vit: choose from cnn, .*"),
         ({"protocol": "mine"}, "3x3/bc-cnn-seed0-mine", "protocol=mine: choose from default, .*"),
         ({"encoder": "mlp"}, "3x3/bc-mlp-seed0", "observation=image: encoder=mlp looks at vector"),

@@ -88,7 +88,7 @@ def test_a_graph_may_look_at_vectors():
                 ],
                 tensors=[NOTHING, FAR],
             ),
-            "Failed to allocate memory|its process ended, perhaps for want of memory",
+            "Failed to allocate memory|its process ended, perhaps because memory ran out",
         ),
     ],
     ids=[

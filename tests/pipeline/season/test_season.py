@@ -45,7 +45,7 @@ def revealed(hidden, tmp_path, make_run):
     perform = Performer(tmp_path, make_run)
     shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
     perform("reveal")
-    assert "is revealed, so that nothing is judged on it any more" in perform("judge")
+    assert "is revealed, so nothing more can be judged on it" in perform("judge")
     perform.place.secret.unlink()
     shutil.rmtree(perform.place.private)
     return perform
@@ -113,7 +113,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         (
             "judge",
             {"submission": f"{RELEASED}@{'0' * 64}"},
-            "policy.safetensors is of another revision than named: it is ",
+            "policy.safetensors differs from the named revision: it is ",
         ),
         ("judge", {"folder": "broken"}, "2026-a.secret holds no secret"),
         ("judge", {"folder": "others"}, "2026-a.secret holds another secret than the season com"),
@@ -149,8 +149,8 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
 def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed):
     public = revealed.place.public
     said = revealed("verify")
-    assert "the secret and the content of the test are those committed to." in said
-    assert "All 6 files of the test are equal to the last bit." in said
+    assert "the secret and the content of the test match the commitment." in said
+    assert "All 6 files of the test are identical." in said
     assert re.search(rf"planner-seed0 \| ({FIGURES}) \| \1 \| yes \|", said)
     row = json.loads((public / "judged.json").read_text(encoding="utf-8"))["judged"][0]
     results = Results.load(public / "results" / "1.json")
@@ -170,9 +170,9 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     rows.write_text(json.dumps(listed), encoding="utf-8")
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     said = revealed.printed
-    assert "self-reported, so perhaps invented: " in said
+    assert "self-reported, not verified: " in said
     assert "self-reported, and refused: it is of another dataset than" in said
-    assert "no: judged.json says something else than the results" in said
+    assert "no: judged.json contradicts the results" in said
 
     weights = public / "submissions" / "1" / "policy.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"!")
@@ -237,7 +237,7 @@ def test_a_submission_on_the_hub_is_pinned_by_its_commit(local_hub, tmp_path):
     tests = Path(__file__).parents[2]
     said = run_script(local_hub, ON_THE_HUB, tmp_path, tests, token="write").stdout.splitlines()
     assert re.search(rf"user/planner@main is judged: {FIGURES}, in ", said[0])
-    assert "The best of 2 may owe 0.147 of its figures to being chosen." in said[1]
-    told = "| no: user/planner@main: model.safetensors is of another revision than named: it is"
+    assert "As the best of 2 is chosen, its figures may be 0.147 too high." in said[1]
+    told = "| no: user/planner@main: model.safetensors differs from the named revision: it is"
     assert (said[2].count("| yes |"), said[2].count(told)) == (1, 1)
     assert said[2].endswith("1 of its claims cannot be confirmed")

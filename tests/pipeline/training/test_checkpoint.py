@@ -72,5 +72,5 @@ def test_an_attribute_that_would_be_forgotten_is_an_error(
 ) -> None:
     forgetful: Any = learner(problem_of())
     forgetful.seen = value
-    with pytest.raises(ConfigError, match=r"\Athe method's attribute seen is of the type .*\Z"):
+    with pytest.raises(ConfigError, match=r"\Athe method's attribute seen has the type .*\Z"):
         state_of(forgetful)

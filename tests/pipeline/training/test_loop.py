@@ -71,12 +71,12 @@ def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better
 @pytest.mark.parametrize(
     ("returned", "state", "told"),
     [
-        ({"reward": 1.0}, 0, r"epoch returned \{'reward': 1\.0\}: it has to return numbers by"),
+        ({"reward": 1.0}, 0, r"epoch returned \{'reward': 1\.0\}: it has to return a dict"),
         (None, 0, "epoch returned None: "),
         (0.5, 0, r"epoch returned 0\.5: "),
         ({"loss": "much"}, 0, "epoch returned .'loss': 'much'.: "),
         ({"loss": torch.ones(2)}, 0, r"epoch returned \{'loss': tensor\("),
-        ({"loss": 0.5}, [], "attribute seen is of the type list, which a checkpoint does not keep"),
+        ({"loss": 0.5}, [], "attribute seen has the type list, which a checkpoint cannot save"),
     ],
 )
 def test_what_a_method_may_not_do_is_refused_at_once(

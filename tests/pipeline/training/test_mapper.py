@@ -264,5 +264,5 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
 @pytest.mark.parametrize("task", [task for task in Task if task is not Task.NAVIGATION])
 def test_other_tasks_are_refused(task: Task) -> None:
     spec = NetworkSpec("mapper", 3, 3, str(task))
-    with pytest.raises(ConfigError, match=f"^task={task}: method=mapper learns navigation"):
+    with pytest.raises(ConfigError, match=f"^task={task}: method=mapper supports only"):
         mapper.Method.make(spec, settings_of("mapper"))

@@ -128,7 +128,7 @@ def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
         (
             "m:Idle",
             f"class Idle(Learner):\n{IDLE}class Settings(BaseSettings):\n    epochs: int = 3\n",
-            "Settings beside it has to be a dataclass that inherits from BaseSettings",
+            "its Settings class has to be a dataclass that inherits from BaseSettings",
         ),
         ("m:BC", f"class BC(Learner):\n{IDLE}", "BC is the name of another method; rename"),
         (

@@ -147,7 +147,7 @@ def test_a_training_that_fails_leaves_the_finished_run(
     train.run(run)
     before = {path.name: path.read_bytes() for path in run.training_folder.iterdir()}
     monkeypatch.setattr(bc.Method, "epoch", lambda _: {"loss": float("nan")})
-    with pytest.raises(ConfigError, match="Nothing that was there is changed"):
+    with pytest.raises(ConfigError, match="Existing files are unchanged"):
         train.run(run_of(**settings))
     assert {path.name: path.read_bytes() for path in run.training_folder.iterdir()} == before
     assert [path.name for path in run.training_folder.parent.iterdir()] == ["bc-mlp-seed0"]
@@ -179,7 +179,7 @@ def test_curves_that_cannot_be_drawn_cost_no_policy(
     run = run_of()
     monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
     train.run(run)
-    assert "curves.png is left out, as it cannot be drawn: " in capsys.readouterr().out
+    assert "curves.png is left out, because it cannot be drawn: " in capsys.readouterr().out
     assert require_finished(run.training_folder) == 2
     assert not (run.training_folder / CURVES).exists()
     monkeypatch.undo()

@@ -287,7 +287,7 @@ def test_a_device_that_is_not_there_is_refused(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(ConfigError, match="device=cuda: there is none here"):
+    with pytest.raises(ConfigError, match="device=cuda: no such device is available"):
         train.run(run_of(device="cuda"))
 
 

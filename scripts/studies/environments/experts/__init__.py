@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from environments.experts import classic
 
 Expert = Callable[[NDArray[np.float64]], "int | NDArray[np.float64]"]
-"""Observation -> action: a number, or numbers that are still to be clipped to the action space."""
+"""Observation -> action: an integer, or an array that the caller clips to the action space."""
 
 _CONTROLLERS: dict[str, Expert] = {
     "CartPole-v1": classic.balance_the_pole,

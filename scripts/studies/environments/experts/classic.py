@@ -1,4 +1,4 @@
-"""Controllers in closed form for Gymnasium's two classic tasks of control."""
+"""Closed-form controllers for two of Gymnasium's classic control tasks."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _GRAVITY, _FORCE = 0.0025, 0.001
 _SUMMIT = math.acos(_FORCE / _GRAVITY) / 3
 """The position of the greatest potential under a constant push to the right."""
 _MARGIN = 6e-4
-"""Spare energy, since the motion is in discrete steps; 4e-4 to 1e-3 work as well."""
+"""Extra energy, because the motion is in discrete steps; 4e-4 to 1e-3 work as well."""
 _ONE_SWING = -0.4875
 """A car that starts to the right of this position needs only one swing to the left."""
 
@@ -22,9 +22,9 @@ _ONE_SWING = -0.4875
 def balance_the_pole(observation: NDArray[np.float64]) -> int:
     """Return the push that keeps the pole of CartPole-v1 up and the cart on the track.
 
-    The sign of a linear feedback: the pole's angle and, to look ahead, its angular velocity, with
-    a little of the cart's position and velocity, against drift. The push goes to the side to which
-    the pole is about to fall, a bit sooner if the cart is on that side, too.
+    It is the sign of a linear feedback: the pole's angle and, to look ahead, its angular velocity,
+    with a little of the cart's position and velocity against drift. The push goes to the side to
+    which the pole is about to fall, slightly sooner if the cart is on that side, too.
 
     Args:
         observation: Position, velocity, angle, angular velocity.
@@ -34,12 +34,12 @@ def balance_the_pole(observation: NDArray[np.float64]) -> int:
 
 
 def climb_the_mountain(observation: NDArray[np.float64]) -> int:
-    """Return the push that takes the car of MountainCar-v0 up: swing until the energy suffices.
+    """Return the push that drives the car of MountainCar-v0 up: swing until the energy suffices.
 
-    Under a constant push to the right, `velocity^2 / 2 + potential(position)` does not change, so
-    the car gets over the summit if it has more than the potential there. Until then it is pushed
-    in the direction in which it moves, which adds the most energy; at rest, to the left if one
-    swing suffices.
+    Under a constant push to the right, `velocity^2 / 2 + potential(position)` is constant, so the
+    car gets over the summit if this energy exceeds the potential there. Until then it is pushed in
+    the direction of its motion, which adds the most energy; at rest, to the left if one swing
+    suffices.
 
     Args:
         observation: Position, velocity.

@@ -1,8 +1,8 @@
-"""The six methods as the authors' public code has them.
+"""The six methods as implemented in the authors' public code.
 
     python run.py method=scripts.studies.methods.authors.bc:Method protocol=authors
 
-Their code is the branch `early_stop` of NathanGavenski/IL-Datasets (March and April 2025). What is
-here does what that code does, in a program of our own; docs/training.md lists what could not be
-followed.
+The authors' code is the branch `early_stop` of NathanGavenski/IL-Datasets (March and April 2025).
+The modules here reimplement its behaviour; docs/training.md lists the differences that could not be
+avoided.
 """

@@ -1,6 +1,6 @@
 """Behavioural cloning in the authors' code: cross-entropy on all rows.
 
-Among them is the last row of each episode, the agent on the goal, with the action before it.
+These include the last row of each episode: the agent on the goal, with the previous row's action.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ __all__ = ["Method", "Settings"]
 
 
 class Method(AuthorsLearner):
-    """The policy, and the rows that it learns: `states` with their `labels`."""
+    """The policy, and the rows that it learns from: `states` with their `labels`."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)

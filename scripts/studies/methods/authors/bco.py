@@ -1,10 +1,10 @@
 """BCO in the authors' code.
 
-An epoch is a pass of the inverse dynamics model over all steps, then one of the policy over the
-pairs of states of the demonstrations, with the model's most likely actions as labels. The model
-sees both pictures through one encoder, and an MLP sees both features. Each time that the policy is
-tried, its episodes on train, cut only at the step limit, join the steps. The policy that is kept is
-the last one, since the code compares each trial with the worst possible one.
+An epoch is a pass of the inverse dynamics model over all steps, then a pass of the policy over the
+state pairs of the demonstrations, labelled with the model's most likely actions. The model encodes
+both pictures with one encoder, and an MLP combines the features. Every `evaluate_every` epochs, the
+policy plays episodes on train, cut only at the step limit, and their steps are added. The last
+policy is kept, because the code compares each evaluation with the worst possible one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ __all__ = ["InverseDynamics", "Method", "Settings"]
 
 
 class InverseDynamics(nn.Module):
-    """One encoder for a state and its successor, and the classifier of Table 1 behind both."""
+    """One encoder for a state and its successor, followed by the classifier of Table 1."""
 
     def __init__(self, spec: NetworkSpec) -> None:
         super().__init__()
@@ -36,14 +36,14 @@ class InverseDynamics(nn.Module):
         self.classifier = nn.Sequential(first, *list(single.classifier)[1:])
 
     def forward(self, pairs: Tensor) -> Tensor:
-        """Return the scores of the actions, shape (batch, 4), of what `Learner.see` gives."""
+        """Return the scores of the actions, shape (batch, 4), for pairs from `Learner.see`."""
         features = [self.encoder(as_input(each)) for each in pairs.chunk(2, -1)]
         scores: Tensor = self.classifier(torch.cat(features, 1))
         return scores
 
 
 class Method(AuthorsLearner):
-    """The policy, the inverse dynamics model, and all steps, an array (N, 3) of s, a, s'."""
+    """The policy, the inverse dynamics model, and all steps as rows (s, a, s'), shape (N, 3)."""
 
     selected_by = "epoch"
     visits = None
@@ -67,16 +67,16 @@ class Method(AuthorsLearner):
         return {"loss": loss, "model_loss": model_loss, "experience": len(self.experience)}
 
     def learn(self, probabilities: NDArray[np.float64]) -> float:
-        """Fit the policy to labels in one pass; return the mean loss.
+        """Fit the policy to the model's labels in one pass; return the mean loss.
 
         Args:
-            probabilities: Those of the actions of the demonstrations' pairs, shape (N, 4).
+            probabilities: The model's probabilities for the demonstrations' pairs, shape (N, 4).
         """
         states = self.problem.demonstrations.states
         return self.clone(self.policy, self.optimizer, (states,), probabilities.argmax(axis=1))
 
     def explore(self) -> None:
-        """Let the policy act for one episode in each labyrinth of train; add all its steps."""
+        """Let the policy play one episode in each labyrinth of train; add all its steps."""
         arrays, rng = self.problem.arrays, self.problem.rng
         chances = self.chances_in_training(self.outputs(self.policy))
         _, steps = try_out(arrays, chances, rng, self.visits)

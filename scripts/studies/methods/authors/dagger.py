@@ -1,9 +1,9 @@
 """DAgger in the authors' code: the solver acts, and the learner never does.
 
-After each epoch, episodes of the solver in labyrinths of train join the rows. The solver takes the
-first route that a depth-first search meets, which need not be the shortest. We do not know in which
-order their search tries the actions; ours is up, right, down, left. The labyrinths are drawn at
-random, with replacement. The optimizer keeps its state from epoch to epoch.
+After each epoch, episodes of the solver in labyrinths of train are added to the rows. The solver
+takes the first route that a depth-first search finds, which need not be the shortest. The order in
+which the authors' search tries the actions is unknown; ours is up, right, down, left. The
+labyrinths are sampled with replacement. The optimizer keeps its state from epoch to epoch.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from . import bc, learner
 class Settings(learner.Settings):
     """An epoch is one pass over the rows."""
 
-    episodes: int = setting(10, "number of the solver's episodes that join in an epoch", at_least=1)
+    episodes: int = setting(10, "number of the solver's episodes added per epoch", at_least=1)
 
 
 class Method(bc.Method):
@@ -34,7 +34,7 @@ class Method(bc.Method):
         return figures
 
     def join(self) -> None:
-        """Add the solver's episodes, whose last states are not acted in."""
+        """Add the solver's episodes to the rows, without their last states."""
         arrays = self.problem.arrays
         states, labels = [], []
         for number in self.problem.rng.integers(len(arrays.initial), size=self.settings.episodes):

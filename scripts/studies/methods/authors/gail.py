@@ -1,9 +1,9 @@
 """GAIL in the authors' code: the policy never acts.
 
-In each batch of rows the discriminator learns to call (state, one-hot action of the row) expert and
-(the same state, the policy's logits) not, by binary cross-entropy; then the policy is changed, by
-back-propagation through the discriminator, so that its logits are called expert. Logits are
-compared with one-hot vectors as they are, without a softmax.
+For each batch of rows, the discriminator is trained by binary cross-entropy to classify (state,
+one-hot action of the row) as expert, and (same state, logits of the policy) as not expert. Then the
+policy is trained, by back-propagation through the discriminator, so that its logits are classified
+as expert. The discriminator gets logits as they are, without a softmax.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["Method", "Settings"]
 
 
 def called(logits: Tensor, value: float) -> Tensor:
-    """Return the binary cross-entropy of logits that should all have one label."""
+    """Return the binary cross-entropy of logits whose label is `value` throughout."""
     return functional.binary_cross_entropy_with_logits(logits, torch.full_like(logits, value))
 
 
@@ -47,7 +47,7 @@ class Method(bc.Method):
         return {"loss": loss, "policy_loss": policy_loss, "rows": len(self.states)}
 
     def update(self, pictures: Tensor, shown: Tensor) -> tuple[float, float]:
-        """Take a gradient step with each network; return the losses, the discriminator's first.
+        """Take a gradient step with each network; return the discriminator's loss and the policy's.
 
         Args:
             pictures: The observations of B rows.
@@ -62,7 +62,7 @@ class Method(bc.Method):
         return told_apart.item(), fooled.item()
 
     def judge(self, pictures: Tensor, actions: Tensor) -> Tensor:
-        """Return the discriminator's logit that each (picture, action vector) is an expert's."""
+        """Return the discriminator's logit that each (picture, action vector) is expert."""
         features = self.discriminator.encoder(as_input(pictures))
         logits: Tensor = self.discriminator.classifier(torch.cat([features, actions], 1))
         return logits

@@ -1,12 +1,11 @@
-"""IUPE in the authors' code: BCO (`bco.py`) with drawn labels and actions.
+"""IUPE in the authors' code: BCO (`bco.py`) with sampled labels and actions.
 
-An action is drawn by counting the cumulative probabilities that lie below random numbers. One
-number for each pair would be right; the code draws one for each of the four *actions*, and uses the
-same four for all pairs of a batch. So it can draw an impossible action that lies between two likely
-ones.
+A label is sampled by counting the cumulative probabilities below random numbers. One number per
+pair would be correct; the code draws one per *action*, and uses the same four numbers for all pairs
+of a batch. So it can sample an action of probability 0 that lies between two likely ones.
 
-During training the policy draws its actions, correctly, for experience and when it is tried. The
-policy with the best return on the labyrinths of train is kept.
+During training the policy samples its actions, correctly, for experience and when it is evaluated.
+The policy with the best return on the labyrinths of train is kept.
 """
 
 from __future__ import annotations
@@ -53,8 +52,8 @@ class Method(bco.Method):
 
 
 def draw_labels(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
-    """Return a label for each pair of a batch, shape (B,), with four random numbers in all."""
+    """Return a label for each pair of a batch, shape (B,), from only four random numbers."""
     cumulative = probabilities.cumsum(axis=1)
-    cumulative[:, -1] = 1  # Rounding may leave less.
+    cumulative[:, -1] = 1  # Rounding may leave it below 1.
     labels: NDArray[np.int64] = (cumulative < rng.random(cumulative.shape[1])).sum(axis=1)
     return labels

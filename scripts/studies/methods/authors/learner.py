@@ -1,6 +1,6 @@
-"""What the authors' methods have in common: settings, optimizer, rows, and how a policy is tried.
+"""The common base of the authors' methods: settings, optimizer, rows, evaluation during training.
 
-A policy is tried on rows, and in episodes that are cut where they repeat.
+A policy is evaluated on rows, and in episodes that are cut when they repeat states.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from pipeline.training.methods.acting import Steps, draw
 from pipeline.training.methods.method import BaseSettings, Learner, setting
 
 VISITS = 5
-"""An episode is cut where the agent comes to a state in which it has acted so often already."""
+"""An episode is cut when the agent returns to a state in which it has acted this many times."""
 
 
 @dataclass(frozen=True)
 class Settings(BaseSettings):
-    """Batches of one row are allowed, and usual."""
+    """Unlike in other methods, a batch may be a single row, and is by default."""
 
     epochs: int = 5000
     evaluate_every: int = 100
@@ -35,33 +35,33 @@ class Settings(BaseSettings):
 
 
 class AuthorsLearner(Learner):
-    """A method of the authors; keeps the policy that labels most rows of validation correctly."""
+    """A method of the authors; keeps the policy with the best accuracy on validation rows."""
 
     selected_by = "validation_accuracy"
     protocol = "authors"
     visits: int | None = VISITS
-    """As `try_out` has it."""
+    """The argument `visits` of `try_out`."""
 
     def adam(self, network: nn.Module) -> Adam:
-        # Fused, because Adam is most of the work of a step with one row.
+        # Fused, because Adam takes most of the time of a step with one row.
         return Adam(network.parameters(), lr=self.settings.learning_rate, fused=True)
 
     @classmethod
     def chances(cls, scores: Tensor) -> NDArray[np.float64]:
-        """Return the probabilities of the actions of a trained policy, shape (S, 4)."""
+        """Return the action probabilities of a trained policy, shape (S, 4)."""
         certain: NDArray[np.float64] = np.eye(ACTIONS)[scores.argmax(1).cpu().numpy()]
         return certain
 
     @classmethod
     def chances_in_training(cls, scores: Tensor) -> NDArray[np.float64]:
-        """Return the same while the policy is trained."""
+        """Return the action probabilities of a policy during training, shape (S, 4)."""
         return cls.chances(scores)
 
     @classmethod
     def figures(
         cls, policy: Policy, train: LabyrinthArrays, validation: LabyrinthArrays
     ) -> dict[str, float]:
-        # The same numbers are drawn each time, so that trying a policy does not change training.
+        # A fixed seed of its own, so that evaluation does not change training.
         rng = np.random.default_rng(0)
         of_train, of_validation = (
             cls.chances_in_training(torch.as_tensor(policy(arrays.observations)))
@@ -84,9 +84,9 @@ class AuthorsLearner(Learner):
 
 
 def rows_of(arrays: LabyrinthArrays) -> Steps:
-    """Return the rows of all episodes of a split, in order: its steps and the last states.
+    """Return the rows of all episodes of a split, in order: its steps and its last states.
 
-    The action of a last row is that of the row before it, and the next state is the goal itself.
+    The row of a last state repeats the action of the previous row; its next state is the goal.
     """
     states, actions = [], []
     for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
@@ -103,17 +103,17 @@ def try_out(
     rng: np.random.Generator,
     visits: int | None = VISITS,
 ) -> tuple[Episodes, NDArray[np.int64]]:
-    """Let a policy act for one episode in each labyrinth.
+    """Let a policy play one episode in each labyrinth.
 
     Args:
         arrays: The labyrinths.
         probabilities: The probability of each action in each state, shape (S, 4).
-        rng: Draws the actions.
-        visits: An episode is cut, and counts like one that reached the step limit, where the agent
-            comes to a state in which it has acted so often; None for the step limit alone.
+        rng: The source of the actions.
+        visits: An episode is cut, as if at the step limit, when the agent returns to a state in
+            which it has acted this many times; None for the step limit only.
 
     Returns:
-        The results, and all steps, as rows of s, a, s', shape (N, 3).
+        The results, and all steps as rows (s, a, s'), shape (N, 3).
     """
     taken = [np.zeros((0, 3), np.int64)]
 

@@ -4,20 +4,20 @@ The target of Q(s, a) is
 
     y = r + (1 - done) gamma + V(s'),    V(s) = alpha log sum_a exp(Q(s, a) / alpha),
 
-with a plus where the paper multiplies gamma by V(s'), and with V(s') also where the episode is
-over. V is from a target network that is copied after the gradient steps 1, 2 and 4, counted from 0,
-and never again, since the code asks whether 4 is divisible by the number of the step. (It calls the
-steps epochs.) Like the policy's, that network's dropout is on and its statistics are of the batch.
+where gamma is added to V(s') and not multiplied by it as in the paper, and V(s') also counts after
+the end of an episode. V comes from a target network that is copied after the gradient steps 1, 2
+and 4, counted from 0, and never again, because the code tests whether 4 is divisible by the step.
+(It calls the steps epochs.) Like the policy, the target network is in training mode, with dropout
+and batch statistics.
 
-So V comes from a network that has learnt next to nothing and is about alpha log 4, and Q ends
-between y with r = 0 and y with r = 1. The policy acts by softmax(Q / alpha), also when it is tried:
-with alpha 4 a difference of 1 makes an action 1.3 times likelier than another.
+So V comes from a network that has learnt almost nothing, and is about alpha log 4, and Q ends
+between y with r = 0 and y with r = 1. The policy acts by softmax(Q / alpha), also in evaluation:
+with alpha 4, a difference of 1 makes an action 1.3 times as likely as another.
 
-A gradient step is on as many of the learner's own steps as of rows, whose reward is 1. The learner
-begins with a full buffer of its own steps, here in all labyrinths of train in lock-step, and takes
-one step before each gradient step, in a labyrinth drawn for each episode. An epoch is as many
-gradient steps as there are batches of rows. The authors' last rows have no next state; ours
-have the goal itself.
+A gradient step uses as many of the learner's own steps as rows, whose reward is 1. The learner
+starts with a full buffer of its own steps, here in all labyrinths of train in lock-step, and takes
+one step before each gradient step, in a labyrinth sampled for each episode. An epoch has one
+gradient step per batch of rows. The authors' last rows have no next state; in ours it is the goal.
 """
 
 from __future__ import annotations
@@ -45,19 +45,17 @@ COPIES = (1, 2, 4)
 
 @dataclass(frozen=True)
 class Settings(learner.Settings):
-    """An epoch is a gradient step for each batch of rows."""
+    """An epoch has one gradient step per batch of rows."""
 
     batch_size: int = setting(
-        1, "number of rows in a gradient step, and of the learner's own steps", at_least=1
+        1, "number of rows, and of the learner's own steps, in a gradient step", at_least=1
     )
-    buffer: int = setting(
-        50_000, "number of the learner's last steps that are remembered", at_least=1
-    )
-    gamma: float = setting(0.99, "what is added where the episode goes on", at_most=1)
+    buffer: int = setting(50_000, "number of the learner's latest steps that are kept", at_least=1)
+    gamma: float = setting(0.99, "number added to the target unless the episode ends", at_most=1)
 
 
 class Method(AuthorsLearner):
-    """Q, the target network, the rows, and the buffer, an array (N, 3) of s, a, s'."""
+    """Q, the target network, and the rows and the buffer as rows (s, a, s'), shape (N, 3)."""
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -102,7 +100,7 @@ class Method(AuthorsLearner):
         return int(initial[self.problem.rng.integers(len(initial))])
 
     def act(self) -> None:
-        """Take a step, in place of the oldest in the buffer."""
+        """Take a step; it replaces the oldest one in the buffer."""
         arrays, state = self.problem.arrays, self.where
         scores = outputs_of(self.policy, self.see(np.array([state])))
         action = int(draw(self.chances(scores), self.problem.rng)[0])
@@ -132,11 +130,11 @@ class Method(AuthorsLearner):
         return loss.item(), values.mean().item()
 
     def values(self, states: NDArray[np.int64]) -> Tensor:
-        """Return V of some states, from the target network in training mode, shape (B,)."""
+        """Return V for B states, from the target network in training mode, shape (B,)."""
         self.target.train()
         with torch.no_grad():
             return ALPHA * torch.logsumexp(self.target(self.see(states)).double() / ALPHA, 1)
 
     def copy(self) -> None:
-        """Give the target network the weights of the policy."""
+        """Copy the weights of the policy to the target network."""
         self.target.load_state_dict(self.policy.state_dict())
