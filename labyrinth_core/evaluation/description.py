@@ -23,9 +23,9 @@ MOST_SEED = 2**64 - 1
 """The largest seed, of a dataset and of a policy."""
 
 DETAILS = {
-    "labyrinths": "labyrinths that it has learnt from",
-    "steps": "steps that it has taken in environments while it learnt",
-    "parameters": "parameters of its networks",
+    "labyrinths": "number of labyrinths that the policy learnt from",
+    "steps": "number of steps in environments during training",
+    "parameters": "number of parameters of its networks",
 }
 """Detail -> what it counts."""
 

@@ -18,7 +18,7 @@ EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 
 WHY_SPL = """\
 SPL (success weighted by path length) comes before SR (success rate), because SR rewards wandering:
-40 steps a cell are so many that random steps solve most labyrinths."""
+within 40 steps per cell even random steps solve most labyrinths."""
 """The sentence printed with every table of scores."""
 
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")

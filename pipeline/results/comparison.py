@@ -28,12 +28,12 @@ from pipeline.results.paper import name_of
 SPLIT = "test"
 
 ABOUT_PAIRS = f"""\
-On {SPLIT}, the mean SR over seeds of the method of a row less that of a column, in points, and in
+On {SPLIT}, the mean SR over seeds of the row's method minus that of the column's, in points, and in
 parentheses the p-value by exchanging runs, with Holm's correction over all pairs:"""
 
 ABOUT_SIZES = f"""\
-Interquartile mean of SR on {SPLIT} over sizes and seeds, with an interval over seeds. It does not
-say how SR would be in other labyrinths, so it ranks no method either.
+Interquartile mean of SR on {SPLIT} over sizes and seeds, with an interval over seeds. It says
+nothing about other labyrinths, so it does not rank methods.
 """
 
 RESAMPLES = 10_000
@@ -165,22 +165,22 @@ def _conclusion(
 ) -> str:
     """Say which methods differ, or that there are too few seeds to show any difference."""
     held = f"at a level of {LEVEL:.0%} over {count(len(found), 'pair')}"
-    apart = [
-        " than ".join(sorted(pair, key=lambda name: -rates[name].mean()))
-        for pair, p in found.items()
-        if p <= LEVEL
-    ]
-    if apart:
-        return f"Better, {held}: {', '.join(apart)}."
+    worse: dict[str, list[str]] = {}
+    for pair in (each for each, p in found.items() if p <= LEVEL):
+        better, other = sorted(pair, key=lambda name: -rates[name].mean())
+        worse.setdefault(better, []).append(other)
+    if worse:
+        apart = (f"{better} than {', '.join(others)}" for better, others in worse.items())
+        return f"Significantly better, {held}: {'; '.join(apart)}."
     least = len(found) * min(
         exchange_test(np.zeros(len(rates[one])), np.ones(len(rates[other]))) for one, other in found
     )
     if least > LEVEL:
         return (
-            f"With so few seeds no two methods can be told apart, {held}: the least possible "
-            f"p-value is {min(1.0, least):.2f}. There is no ranking."
+            f"With so few seeds no difference can be significant, {held}: the least possible "
+            f"p-value is {min(1.0, least):.2f}."
         )
-    return f"No method is shown to be better than another, {held}. There is no ranking."
+    return f"No difference between methods is significant, {held}."
 
 
 def across_sizes(methods: Sequence[MethodRuns]) -> Iterator[str]:

@@ -34,26 +34,26 @@ MARK = "†"
 
 ABOUT = f"""# Leaderboard
 
-Methods are ranked by SPL on `{RANKED_BY}`, structures that nobody learns on.
+Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on.
 {WHY_SPL}
 
-A rank is one more than the number of methods whose interval of SPL lies wholly above: methods with
-one rank tie, and where two intervals overlap, neither method is claimed to be better. Ranks compare
-these policies: the intervals of a few seeds are too narrow to say how another seed would do.
-Whether methods differ over seeds is tested in `README.md`, by exchanging runs. The interval of 100%
-or 0% has no width, which is too narrow. SPL: for a solved labyrinth, moves on a shortest route
-divided by moves taken, else 0; the mean, in percent. SR: share of the episodes that reach the goal,
-in percent; *within n x n*, in as many steps as there are cells. AER: average episodic return, ± its
-standard deviation. Path efficiency: moves on a shortest route divided by moves taken, in percent,
-over solved episodes. In brackets, 95% bootstrap intervals over labyrinths, and over seeds or
-episodes where there are several.
+A rank is one more than the number of methods whose interval of SPL lies wholly above. Methods whose
+intervals overlap are not claimed to differ. Ranks compare these policies: the intervals of a few
+seeds are too narrow to predict another seed. `README.md` tests whether methods differ over seeds,
+by exchanging runs. At 0% or 100% the interval is empty; do not read it as certainty.
 
-All figures are computed from the outcome and the moves of each episode. What a method has learnt
-from is as its authors state it; an empty cell is not stated. {MARK}: the dataset was not available
-when this was made, so that outcomes could not be compared with it; such a method has no rank.
+SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, in percent. SR:
+share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
+cells. AER: average episodic return, ± its standard deviation. Path efficiency: moves on a shortest
+route divided by moves taken, in percent, averaged over solved episodes. In brackets: 95% bootstrap
+intervals over labyrinths, and over seeds or episodes if there are several.
 
-`leaderboard.csv` has all of this as numbers. `labyrinth-datasets stages=results` makes both
-files of `runs/` and `submissions/`.
+All figures are computed from the outcome and the moves of each episode. The training data of a
+method are as its authors state them; an empty cell is not stated. {MARK}: the dataset was not
+available, so the outcomes are unchecked and the method has no rank.
+
+`leaderboard.csv` has the same figures. `labyrinth-datasets stages=results` makes both files from
+`runs/` and `submissions/`.
 """
 
 COLUMNS = (

@@ -29,17 +29,17 @@ ABOUT = f"""# Results
 
 {WHY_SPL}
 
-SPL: for a solved labyrinth, moves on a shortest route divided by moves taken, else 0; the mean. SR:
-the share of the labyrinths that were solved. Both are in percent, with one greedy episode in each
-labyrinth. Figures of several seeds are means; in brackets, 95% bootstrap intervals over seeds and
-labyrinths. `SR in the paper`: Tables 3 to 5 of the supplement, which do not say with which encoder,
-and have no SPL; {MARK} marks cells that cannot be, since even the shortest routes would return less
-than their average return and SR imply.
+SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged. SR: share of solved
+labyrinths. Both are in percent, with one greedy episode per labyrinth. Figures of several seeds are
+means; in brackets, 95% bootstrap intervals over seeds and labyrinths. `SR in the paper`: Tables 3
+to 5 of the supplement, which have no SPL and do not name the encoder; {MARK} marks impossible
+cells, in which even the shortest routes would return less than the printed average return and SR
+imply.
 
-`results.csv` has all of this as numbers, and returns (AER), SR within n x n steps, SR on known and
-on new routes, path efficiency, accuracies, reasons for failure, and successes by the length of a
-shortest route. The runs themselves are in `runs/`. Ranked, and beside anyone's results, they are
-in `leaderboard.md`. `labyrinth-datasets stages=results` makes these files.
+`results.csv` has the same figures, and returns (AER), SR within n x n steps, SR on known and on new
+routes, path efficiency, accuracies, reasons for failure, and successes by the length of a shortest
+route. The runs are in `runs/`; `leaderboard.md` ranks them beside submissions.
+`labyrinth-datasets stages=results` makes these files.
 """
 
 
@@ -62,11 +62,11 @@ def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:
     *_, conclusion = ["", *pairs_of_methods(rates_of(group))]
     if conclusion:
         yield f"On test: {conclusion}"
-    yield "SPL / SR of what needs no learning:"
+    yield "SPL / SR of the references, which do not learn:"
     without = [name for name in WITHOUT_LEARNING if name in first.baselines]
     heading = ["split", *(name.replace("_", " ") for name in without)]
     yield table(heading, _baseline_rows(first, without))
-    yield "SR on train less that on test, in points, and what the runs took:"
+    yield "Gap: SR on train minus SR on test, in points. Training of the runs:"
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     yield table(heading, map(_effort, group), "lrrrrrl")
 

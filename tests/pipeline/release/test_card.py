@@ -119,7 +119,7 @@ def test_the_certificate_in_the_text_has_a_line_for_every_pair_of_splits(carded)
 
 def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     assert "walls to the nearest" not in text(folder)
-    assert "can differ from one of `train` in a single wall. Expect" in text(folder)
+    assert "can differ from one of `train` in a single wall. Small" in text(folder)
     options = {"stages": ["analyse"], "size": DEFAULT, "labyrinths": 7, "data_dir": str(folder)}
     analyse.run(resolve(RunConfig(**options)))
     card.write_card(folder)
@@ -142,7 +142,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
 
 def test_limits_and_citation_come_before_statistics(carded):
     headings = re.findall(r"^## (.*)$", text(carded), re.MULTILINE)
-    assert headings[:5] == ["Load it", "What is in it", "Limits and biases", "Licence", "Citation"]
+    assert headings[:5] == ["Load it", "Content", "Limits and biases", "Licence", "Citation"]
     assert headings.index("Statistics") > 5
 
 

@@ -266,7 +266,7 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
         assert results.splits[split].episodes.solved.mean() == scores["sr"]
     assert f'evaluate(policy, "{REPO}", "3x3", revision="{COMMIT}")' in card
     assert "`policy` is an object with `reset(count)` and `act(observations)`" in card
-    assert "It plans once, in the first picture of an episode" in card
+    assert "The policy plans once, in the first picture of an episode" in card
 
 
 def test_a_policy_of_another_protocol_is_published_with_what_it_has_to_be_shown(

@@ -104,6 +104,6 @@ def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
 def test_what_is_significant_is_said(published):
     runs = 2 * published[:3] + 2 * published[3:6]  # As if of six seeds.
     *_, conclusion = pairs_of_methods(rates_of(by_method(runs)))
-    assert conclusion.startswith("Better, at a level of 5%")
+    assert conclusion.startswith("Significantly better, at a level of 5%")
     assert conclusion.endswith(": BC than DAgger.")
     assert list(pairs_of_methods(rates_of(by_method(published[:3])))) == []
