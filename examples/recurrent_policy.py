@@ -28,7 +28,7 @@ class Recurrent(nn.Module):
         return torch.cat([self.places(vectors[..., :3]).flatten(2), vectors[..., 3:]], dim=2)
 
     def reset(self, count: int) -> None:
-        """Begin so many episodes: forget."""
+        """Begin `count` episodes with an empty memory."""
         self.memory = torch.zeros(1, count, self.gru.hidden_size)
 
     @torch.no_grad()

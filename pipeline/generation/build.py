@@ -200,7 +200,7 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> 
         raise DatasetError(not_as_it_was(run.folder / missing[0]))
     if TABLE in lacks:
         _tabulate(workplace, run.folder, jobs, manifest.labyrinths)
-    say(f"{run.folder} is complete again: made anew, as damaged or missing: {', '.join(lacks)}.")
+    say(f"{run.folder} is complete again; repaired: {', '.join(lacks)}.")
 
 
 def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Plan) -> Manifest:

@@ -119,7 +119,7 @@ def not_as_it_was(path: AnyPath) -> str:
     """Return the error message for a file that was made again with other bytes."""
     return (
         f"{path} cannot be made again with the same bytes: use the library versions in {MANIFEST}, "
-        "or give overwrite=true to build the whole dataset anew"
+        "or give overwrite=true to rebuild the whole dataset"
     )
 
 

@@ -175,7 +175,7 @@ class Sums:
         if others := self.others(files):
             raise DatasetError(
                 f"{_named([str(self.folder / name) for name in others])}: made or changed by "
-                f"somebody else, so not written over; move it away, or {instead}"
+                f"someone else, so not overwritten: move it away, or {instead}"
             )
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:
@@ -280,7 +280,7 @@ def produced(
             yield None
             return
         if damaged := there.damaged():
-            say(f"{folder} is made anew, as damaged or missing: {_named(damaged)}.")
+            say(f"{folder} is made again, because damaged or missing: {_named(damaged)}.")
         if not isinstance(place, Path):
             _claim(there, mark, names)
             yield place

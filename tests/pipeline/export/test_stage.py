@@ -145,7 +145,7 @@ def test_an_export_with_a_damaged_file_is_made_anew(small_dataset: Run, tmp_path
             path.unlink()
         capsys.readouterr()
         export(small_dataset, tmp_path, format_, "train")
-        assert f"made anew, as damaged or missing: {name}" in " ".join(
+        assert f"made again, because damaged or missing: {name}" in " ".join(
             capsys.readouterr().out.split()
         )
         export(small_dataset, tmp_path, format_, "train")
@@ -256,7 +256,7 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
 def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
     small_dataset: Run, tmp_path, format_
 ):
-    """Its files are those of somebody else, under the names that a manifest gives."""
+    """Its files are those of someone else, under the names that a manifest gives."""
     theirs, manifest = tmp_path / "theirs" / "3x3", small_dataset.folder / MANIFEST
     theirs.mkdir(parents=True)
     with pytest.raises(DatasetError, match=r"config=3x3: .* holds no dataset"):

@@ -60,7 +60,7 @@ def test_a_build_makes_damaged_shards_anew_and_no_others(
     printed = " ".join(capsys.readouterr().out.split())
     after = identities(folder)
     assert {name for name in after if before.get(name) != after[name]} == {TRAIN, TEST}
-    assert f"{folder} is complete again: made anew" in printed
+    assert f"{folder} is complete again; repaired: " in printed
     assert TRAIN in printed
     assert TEST in printed
     assert content_of(folder.parent) == content_of(small_dataset.data_dir)

@@ -139,7 +139,7 @@ def test_what_is_missing_or_was_changed_after_the_list_is_made_anew(
     (folder / "deep/b").unlink()
     assert make(folder)
     assert made(folder) == FILES
-    assert "it is made anew, as damaged or missing: a, deep/b." in capsys.readouterr().out
+    assert "it is made again, because damaged or missing: a, deep/b." in capsys.readouterr().out
 
 
 def test_damage_is_found_also_after_a_file_was_left(tmp_path: Path) -> None:

@@ -235,7 +235,7 @@ def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path)
     def refused(text: str) -> None:
         page.write_text(text)
         before = content_of(data_dir)
-        with pytest.raises(DatasetError, match=r"index\.html: made or changed by somebody else"):
+        with pytest.raises(DatasetError, match=r"index\.html: made or changed by someone else"):
             write_report(data_dir, tmp_path / "runs")
         assert content_of(data_dir) == before
 

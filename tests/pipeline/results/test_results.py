@@ -132,9 +132,7 @@ def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, na
     path.parent.mkdir()
     path.write_text("mine")
     for _ in range(2):
-        with pytest.raises(
-            DatasetError, match=f"{name}: made or changed by somebody else"
-        ) as error:
+        with pytest.raises(DatasetError, match=f"{name}: made or changed by someone else") as error:
             stage.run(run_of(evaluated))
         assert "\n" not in str(error.value)
         assert path.read_text() == "mine"
@@ -148,7 +146,7 @@ def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name
     kept = min((tmp_path / "results" / "runs" / "3x3").glob("*.json"))
     theirs = kept.read_text(encoding="utf-8").replace('"seconds": ', '"seconds": 1')
     kept.write_text(theirs, encoding="utf-8")
-    with pytest.raises(stage.RefusedError, match=f"{kept} was made or changed by somebody else"):
+    with pytest.raises(stage.RefusedError, match=f"{kept} was made or changed by someone else"):
         stage.run(run_of(evaluated))
     assert kept.read_text(encoding="utf-8") == theirs
 

@@ -192,7 +192,7 @@ def test_a_file_of_a_person_is_not_written_over_when_a_season_is_revealed(
     theirs = perform.place.public / "results" / "1.json"
     theirs.parent.mkdir()
     theirs.write_text("mine")
-    assert "1.json: made or changed by somebody else, so not written over" in perform("reveal")
+    assert "1.json: made or changed by someone else, so not overwritten" in perform("reveal")
     assert theirs.read_text() == "mine"
     assert not perform.place.revealed.exists()
 

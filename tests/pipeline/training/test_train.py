@@ -133,7 +133,8 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     for damage in (Path.unlink, lambda path: path.write_bytes(weights + b"?")):
         damage(run.training_folder / POLICY)
         train.run(run)
-        assert "made anew, as damaged or missing: policy.safetensors" in capsys.readouterr().out
+        printed = capsys.readouterr().out
+        assert "made again, because damaged or missing: policy.safetensors" in printed
         assert weights_of(run) == weights
     train.run(run_of(**changed, overwrite=True))
     assert record_of(run)["epochs"] == 4
