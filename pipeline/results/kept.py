@@ -117,7 +117,7 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
     files = {name: path.read_bytes() for name, path in found.items()}
     for name in Sums.read(results_dir).others(files):
         refused.append(
-            f"{found[name]} is not copied: {results_dir / name} was made or changed by somebody "
+            f"{found[name]} is not copied: {results_dir / name} was made or changed by someone "
             "else; move it away"
         )
         del files[name]

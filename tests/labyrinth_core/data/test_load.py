@@ -396,7 +396,7 @@ ROWS = {
     "another negative action": (of_row(1, actions=-2), f"{REPLAYED}action -2"),
     "step after the goal": (
         lambda rows: rows.insert(at_an_end(rows), rows[at_an_end(rows)] | {"actions": 0}),
-        f"{REPLAYED}.* another action follows",
+        f"{REPLAYED}.* an action follows",
     ),
     "info garbled": (of_each_row(info="labyrinth:\n-----\n"), REPLAYED),
     "info is code": (of_each_row(info="__import__('os').abort()"), REPLAYED),

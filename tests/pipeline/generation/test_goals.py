@@ -235,6 +235,6 @@ def test_card_and_croissant_say_that_goals_vary(tiny: Run, tmp_path: Path, build
     assert command.endswith(" goals=varied")
     assert "goals" not in other
     for text in (readme, croissant):
-        assert "With `goals=varied` (`3x3`) each labyrinth has a start and a goal" in text
+        assert "With `goals=varied` (`3x3`) each labyrinth has its own start and goal" in text
         assert "But for `3x3`, in `train`, `validation`, `test` and `random` the" in text
-    assert "Where start and goal vary (`3x3`), any rotation" in readme
+    assert "With varied start and goal (`3x3`), any rotation" in readme
