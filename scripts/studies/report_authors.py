@@ -131,7 +131,7 @@ def _with_resnet(config: str, method: str, hours: float) -> list[str]:
     figures = [paper_figures()[config, split, method] for split in EVALUATED_SPLITS]
     path = RESULTS / f"runs/{config}/{method}-resnet18-seed0.json"
     if not path.exists():
-        return ["", *(f"{printed_in(each)} / -, not run: {hours} hours" for each in figures)]
+        return [f"not run: {hours} hours", *(f"{printed_in(each)} / -" for each in figures)]
     kept = read_run(path)
     found = [str(kept["run"]["training"]["epochs"])]
     for figure in figures:
