@@ -151,6 +151,7 @@ def test_the_check_runs_the_test_command_of_the_readme():
 def test_the_last_lines_of_the_tests_name_the_programs_that_are_missing(tmp_path):
     needs = ["tests/labyrinth_core/pictures/test_png.py", "tests/test_run_documentation.py"]
     command = [sys.executable, "-m", "pytest", "-n1", "-p", "no:cacheprovider", *needs]
+    command.append(f"--basetemp={tmp_path / 'own'}")  # Or it would delete folders of earlier runs.
     done = subprocess.run(
         [*command, "-m", "programs"],
         env=os.environ | {"PATH": str(tmp_path)},

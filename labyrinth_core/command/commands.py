@@ -74,9 +74,9 @@ def _show(options: Namespace) -> int:
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
         write_bytes(options.png, _picture(labyrinth, cells))
-    elif options.gif is not None:
+    if options.gif is not None:
         write_bytes(options.gif, _moving_picture(labyrinth))
-    else:
+    if options.png is options.gif is None:
         drawing = draw_text(labyrinth, route=cells)
         if _in_colour():
             tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)

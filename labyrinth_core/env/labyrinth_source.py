@@ -73,7 +73,10 @@ class LabyrinthSource(NamedTuple):
         options = {name: value for name, value in (options or {}).items() if value is not None}
         for name in options:
             if name not in OPTIONS:
-                raise ValueError(f"option {name!r}: choose among {', '.join(OPTIONS)}")
+                raise ValueError(
+                    f"option {name!r}: choose among {', '.join(OPTIONS)}; max_episode_steps is for "
+                    "a single environment, reset_mask for a vector environment"
+                )
         labyrinth = as_labyrinth(options["labyrinth"]) if "labyrinth" in options else self.kept
         height, width, task = self.shape if labyrinth is None else Shape.of(labyrinth)
         if "task" in options:
@@ -101,7 +104,7 @@ def sources_of(
     size: Size,
     task: Task | str,
     labyrinth: LabyrinthLike | None,
-    labyrinths: Sequence[LabyrinthLike] | None,
+    labyrinths: Iterable[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
     """Return a source for each sub-environment, or for each of `labyrinths` if those are more.
 
@@ -112,12 +115,14 @@ def sources_of(
         return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
     if labyrinth is not None:
         raise ValueError("give labyrinth or labyrinths, not both")
-    if not labyrinths:
+    if isinstance(labyrinths, LabyrinthLike):
+        raise ValueError("labyrinths: give a list, or labyrinth=... for one")
+    given = [as_labyrinth(each) for each in labyrinths]
+    if not given:
         raise ValueError("labyrinths: give at least one")
-    sources = [LabyrinthSource.of(size, task, kept) for kept in labyrinths]
-    for source in sources:
-        assert source.kept is not None
-        check_shape(source.kept, sources[0].shape)
+    sources = [LabyrinthSource(Shape.of(each), each) for each in given]
+    for each in given:
+        check_shape(each, sources[0].shape)
     return [sources[place % len(sources)] for place in range(max(num_envs, len(sources)))]
 
 

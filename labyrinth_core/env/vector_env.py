@@ -7,7 +7,7 @@ Each sub-environment behaves exactly like a `LabyrinthEnv` in Gymnasium's `SyncV
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -74,7 +74,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         observation: Kind = "image",
         image_size: int = DEFAULT_IMAGE_SIZE,
         labyrinth: LabyrinthLike | None = None,
-        labyrinths: Sequence[LabyrinthLike] | None = None,
+        labyrinths: Iterable[LabyrinthLike] | None = None,
         reward: str = "default",
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -125,6 +125,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
+        if labyrinths is not None and not isinstance(labyrinths, LabyrinthLike):
+            labyrinths = [*labyrinths]
         self._sources = sources_of(num_envs, size, task, labyrinth, labyrinths)
         self._given = None if labyrinths is None else len(labyrinths)
         self._turns: NDArray[np.int64] | None = None

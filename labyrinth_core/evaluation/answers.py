@@ -176,6 +176,8 @@ def memory_of(remembered: Callable[[], Any], count: int) -> NDArray[Any]:
 
 
 def _as_array(answer: Any, who: str = "the policy") -> NDArray[Any]:
+    if np.ma.is_masked(answer):
+        raise PolicyError(f"{who} answered a masked array: give -inf where scores are masked")
     try:
         if hasattr(answer, "detach"):  # A tensor of PyTorch, on any device.
             answer = answer.detach().cpu()

@@ -32,13 +32,18 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
-from labyrinth_core.evaluation.playing import play_once
+from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.dynamics import STEP_LIMIT
 from labyrinth_core.world.labyrinth import whole
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
+
+ADVICE = (
+    "give it a second argument rng to draw from, or reset(count) and act(observations) if it "
+    "remembers"
+)
 
 PURPOSE = 3
 """The random key of fresh labyrinths, which no part of a dataset uses."""
@@ -187,9 +192,13 @@ def compare(
     found = Comparison(0, 0, 0, 0, steps, error)
     while found.better is None and found.labyrinths < most:
         drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))
-        first, second = (
-            play_once(player, as_arrays(drawn, spec), steps).solved for player, spec in players
-        )
+        solved = []
+        for player, spec in players:
+            arrays = as_arrays(drawn, spec)
+            if player.forgets and not found.labyrinths:
+                require_repeatable(player, arrays, ADVICE)
+            solved.append(play_once(player, arrays, steps).solved)
+        first, second = solved
         found = Comparison(
             found.labyrinths + len(drawn),
             found.both + int((first & second).sum()),

@@ -12,6 +12,7 @@ import numpy as np
 
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.replanner import REPLANNERS
+from labyrinth_core.world.labyrinth import whole
 
 LONGEST = 300
 """The largest number of characters of a text."""
@@ -63,16 +64,16 @@ class Description:
     """Counts, such as of its training labyrinths; the keys are those of `DETAILS`."""
 
     def __post_init__(self) -> None:
+        for what in ("name", "author", "url", "date", "budget"):
+            text = getattr(self, what)
+            if not isinstance(text, str) or len(text) > LONGEST or not text.isprintable():
+                raise ValueError(
+                    f"{what}={text!r:.60}: give one line of at most {LONGEST} printable characters"
+                )
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
         if as_compared(self.name).replace("_", " ") in _RESERVED:
             raise ValueError(f"name={self.name}: a baseline has this name; choose another")
-        for what in ("name", "author", "url", "date", "budget"):
-            text = getattr(self, what)
-            if len(text) > LONGEST or not text.isprintable():
-                raise ValueError(
-                    f"{what}={text!r:.60}: give one line of at most {LONGEST} printable characters"
-                )
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")
         if self.date and not is_day(self.date):
@@ -80,8 +81,9 @@ class Description:
         for detail, number in self.details.items():
             if detail not in DETAILS:
                 raise ValueError(f"details: {detail!r:.60}: choose from {', '.join(DETAILS)}")
-            if type(number) is not int or not 0 <= number < 10**15:
-                raise ValueError(f"details: {detail}={number!r:.60}: give a whole number from 0 on")
+            allowed = "a whole number from 0 on"
+            whole(f"details: {detail}", number, 0, 10**15 - 1, allowed=allowed)
+        object.__setattr__(self, "details", {name: int(n) for name, n in self.details.items()})
 
 
 def is_day(text: str) -> bool:

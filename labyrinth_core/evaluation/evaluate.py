@@ -14,16 +14,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted
+from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.playing import step_through
+from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
@@ -31,13 +29,6 @@ from labyrinth_core.world.labyrinth import Task, whole
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
-
-TRIED = 256
-"""The number of states of a split for which a policy is called twice, to see if answers agree.
-
-A policy that draws one in fifty of its answers at random is found in 999 of 1,000 cases: a random
-action agrees with the other answer in a quarter of them.
-"""
 
 
 def evaluate(
@@ -121,7 +112,7 @@ def evaluate(
     return Results(
         dataset=str(source),
         revision=revision,
-        config=config,
+        config=about.name,
         fingerprint=manifest.fingerprint,
         observation=spec.observation,
         image_size=spec.image_size if spec.observation == "image" else None,
@@ -193,12 +184,9 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
 
 def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
     """Return the scores by look-ups, after checking that two calls give the same answers."""
-    acting = np.flatnonzero(~arrays.terminal)
-    some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
-    first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
-    if not np.array_equal(first, second):
-        raise PolicyError(
-            "the policy answers the same observations differently: give episodes=1 or more if it "
-            "draws at random, or reset(count) and act(observations) if it remembers"
-        )
+    advice = (
+        "give episodes=1 or more if it draws at random, or reset(count) and act(observations) if "
+        "it remembers"
+    )
+    require_repeatable(player, arrays, advice)
     return score(player.act, arrays)

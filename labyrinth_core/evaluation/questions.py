@@ -13,7 +13,7 @@ from typing import Any
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.format import Column
 from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.language.text import dump, labyrinth_id
+from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Action, initial
@@ -88,17 +88,22 @@ def question_splits(config: DatasetConfig) -> tuple[str, ...]:
     return tuple(split for split in config.splits if split not in NOT_ASKED)
 
 
-def question(labyrinth: Labyrinth) -> dict[str, Any]:
+def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
     """Return the question about a labyrinth, with the values of `QUESTION_COLUMNS` by name.
 
     `image` and `image_300` are dictionaries of `bytes`, a PNG file, and `path`, its name: the form
     of undecoded pictures in the library `datasets`. The agent begins on the start, whatever the
     labyrinth says.
 
+    Args:
+        labyrinth: The labyrinth, or its text, such as from the column `info`.
+
     Raises:
-        ValueError: Most of the labyrinth is hidden from its agent (partial observability), or it
-            has more than `MOST_ROUTES` shortest routes.
+        ValueError: Most of the labyrinth is hidden from its agent (partial observability), it has
+            more than `MOST_ROUTES` shortest routes, or the text does not describe a labyrinth.
     """
+    if isinstance(labyrinth, str):
+        labyrinth = parse(labyrinth)
     if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
         raise ValueError(
             f"task={labyrinth.task}: most of the labyrinth is hidden from the agent, so "

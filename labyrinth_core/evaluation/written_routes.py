@@ -54,7 +54,7 @@ class RouteScore:
         return self.extra_moves == 0 and self.reason is None
 
 
-def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
+def score_answer(labyrinth: Labyrinth | str, answer: str | None) -> RouteScore:
     """Return the score of an answer in words, replayed move by move.
 
     The attempt ends at the first move that is not allowed: into a wall or a closed door, onto ice,
@@ -65,14 +65,15 @@ def score_answer(labyrinth: Labyrinth | str, answer: str) -> RouteScore:
     Args:
         labyrinth: The labyrinth, or its text, such as from the column `info`. The moves begin on
             the start.
-        answer: The text of the answer; see `read_moves`.
+        answer: The text of the answer; see `read_moves`. None, the content of an empty reply from
+            some language models, has no moves.
 
     Raises:
         LabyrinthSyntaxError: The text does not describe a labyrinth.
     """
     if isinstance(labyrinth, str):
         labyrinth = parse(labyrinth)
-    moves, optimum = read_moves(answer), moves_of(labyrinth)
+    moves, optimum = read_moves(answer or ""), moves_of(labyrinth)
     state, limit = initial(labyrinth), step_limit(labyrinth)
     steps = reason = None
     for place, move in enumerate(moves):

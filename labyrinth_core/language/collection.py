@@ -70,7 +70,7 @@ def files_in(folder: Path) -> list[Path]:
     return sorted(files)
 
 
-def read_collection(path: Path) -> Iterator[Entry]:
+def read_collection(path: str | Path) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
     The split is the name of the first sub-folder on the path to a file; without a sub-folder it is
@@ -80,6 +80,8 @@ def read_collection(path: Path) -> Iterator[Entry]:
     Raises:
         OSError: A file or a folder cannot be read.
     """
+    path = Path(path)
+    path.stat()  # Raises if it does not exist.
     folder = path if path.is_dir() else path.parent
     name = path.resolve().name if path.is_dir() else path.stem
     for file in files_in(path) if path.is_dir() else [path]:

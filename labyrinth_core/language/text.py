@@ -320,7 +320,7 @@ def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
     return cell if cell >= 0 else None
 
 
-def load(path: Path, *, seed: int = 0) -> Labyrinth:
+def load(path: str | Path, *, seed: int = 0) -> Labyrinth:
     """Return the labyrinth that a UTF-8 file describes.
 
     Args:
@@ -331,7 +331,7 @@ def load(path: Path, *, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
         OSError: The file cannot be read.
     """
-    return parse(read_text(path), file=str(path), seed=seed)
+    return parse(read_text(Path(path)), file=str(path), seed=seed)
 
 
 def dump(labyrinth: Labyrinth) -> str:

@@ -52,10 +52,16 @@ def gif(episodes: Iterable[Sequence[Frame]]) -> bytes:
         episodes: The frames of one or more episodes, all of the same shape (height, width, 3).
 
     Raises:
+        ValueError: There is no frame, or frames have other or different shapes.
         ImportError: Pillow, which writes the file, is not installed.
     """
     from PIL import Image
 
+    episodes = [*episodes]
+    shapes = {np.shape(frame) for frames in episodes for frame in frames}
+    if len(shapes) != 1 or [len(shape) for shape in shapes] != [3]:
+        found = ", ".join(map(str, sorted(shapes))) or "no frames"
+        raise ValueError(f"{found}: give episodes, each a list of frames of one shape (h, w, 3)")
     images, milliseconds = [], []
     for frames in episodes:
         images += [Image.fromarray(frame) for frame in frames]

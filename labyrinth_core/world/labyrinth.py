@@ -350,12 +350,18 @@ class Labyrinth:
         return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
 
     def _make_whole(self) -> None:
-        """Convert cells from NumPy integers to Python ints, and refuse all other types."""
+        """Convert NumPy integers to ints and texts to enum members; refuse all other types."""
+        for name, kind in (("task", Task), ("look", Look)):
+            value = getattr(self, name)
+            if type(value) is not kind:
+                if value not in [*kind]:
+                    raise LabyrinthError(f"{name}={value}: choose one of {', '.join(kind)}")
+                object.__setattr__(self, name, kind(value))
         for name in ("start", "goal", "key", "door"):
             cell = getattr(self, name)
             if type(cell) is not int and cell is not None:
                 object.__setattr__(self, name, whole(name, cell))
-        if any(type(cell) is not int for cell in self.ice):
+        if type(self.ice) is not frozenset or any(type(cell) is not int for cell in self.ice):
             object.__setattr__(self, "ice", frozenset(whole("ice", cell) for cell in self.ice))
 
     @cached_property

@@ -77,7 +77,7 @@ def place(
     if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
         return Labyrinth(structure, start, goal, task)
     Labyrinth(structure, start, goal)  # Raises if start, goal or the route between them is invalid.
-    if task is Task.KEY_AND_DOOR:
+    if task == Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
         return Labyrinth(structure, start, goal, task, key=key, door=door)
     ice = _place_ice(structure, start, goal, rng)
@@ -264,6 +264,7 @@ def sample_labyrinth(
     height, width = checked_sides(height, width)
     if task not in [*Task]:
         raise ValueError(f"task={task}: choose one of {', '.join(Task)}")
+    task = Task(task)
     default_start, default_goal = default_start_and_goal(height, width)
     last = height * width - 1
     start = default_start if start is None else whole("start", start, 0, last)

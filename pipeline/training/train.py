@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ import torch
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import is_of_train
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
@@ -121,6 +123,9 @@ def choose_device(options: TrainingOptions) -> torch.device:
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types."""
     options = run.options
+    module, of_user, _ = options.method_name.partition(":")
+    own = getattr(import_module(module), "__file__", None) if of_user else None
+    code = {} if own is None else {"code": f"{Path(own).name} {file_sha256(Path(own)):.12}"}
     return {
         "method": options.method_name,
         "encoder": options.network,
@@ -133,6 +138,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "dataset": run.source,
         "revision": options.revision,
         "fingerprint": manifest_of(run).fingerprint,
+        **code,
     }
 
 

@@ -279,13 +279,19 @@ def find(
 
 
 def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
-    """Return a user's class `module:Class`, and its module's `Settings`, if any, or `BaseSettings`.
+    """Return a user's class `module:Class`, and its settings.
+
+    They are the class `Settings` of its module or, if that has none, of the module of the method it
+    inherits from; else `BaseSettings`.
 
     Raises:
         ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
     """
     method = named("method", name)
-    settings = getattr(import_module(name.partition(":")[0]), "Settings", BaseSettings)
+    classes = getattr(method, "__mro__", ())
+    modules = [name.partition(":")[0], *(each.__module__ for each in classes)]
+    declared = (getattr(import_module(each), "Settings", None) for each in modules)
+    settings = next(filter(None, declared), BaseSettings)
     check(
         isclass(method) and issubclass(method, Learner) and not isabstract(method),
         f"method={name}: give a class that inherits from pipeline.training.methods.method.Learner "

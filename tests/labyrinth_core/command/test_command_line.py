@@ -192,7 +192,9 @@ def test_a_mistake_of_the_user_gets_one_message(refused, monkeypatch, arguments,
 def test_show_writes_a_moving_picture_of_a_shortest_route(run, tmp_path):
     path, picture = tmp_path / "open.labyrinth", tmp_path / "one.gif"
     path.write_text(run("new", "--size", "2x3", "--open-walls", "1")[1])
-    assert run("show", path, "--gif", picture) == (0, "", "")
+    still = tmp_path / "one.png"
+    assert run("show", path, "--gif", picture, "--png", still) == (0, "", "")
+    assert still.exists()
     with Image.open(picture) as shown:
         assert (shown.n_frames, shown.size) == (4, (300, 300))
 

@@ -166,7 +166,8 @@ def test_a_kept_labyrinth_stays_also_after_an_option_changed_it_for_an_episode()
 
 
 def test_given_labyrinths_are_dealt_out_in_turn_and_kept():
-    env = LabyrinthVectorEnv(5, labyrinths=[OPEN, parse(CLOSER)], observation="state")
+    given = (text for text in (OPEN, parse(CLOSER)))
+    env = LabyrinthVectorEnv(5, labyrinths=given, observation="state")
     env.reset()
     for actions in [(0, 1, 0, 1, 0), (1, 0, 1, 0, 1), (1, 0, 1, 0, 1), (0,) * 5]:
         *_, infos = env.step(np.array(actions))
@@ -333,6 +334,8 @@ def test_only_the_four_actions_are_actions(actions, message):
         ({"render_mode": "human"}, "render_mode=human: choose one of rgb_array, ansi"),
         ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
         ({"labyrinths": []}, "labyrinths: give at least one"),
+        ({"labyrinths": OPEN}, "labyrinths: give a list, or labyrinth=... for one"),
+        ({"labyrinths": [OPEN, None]}, "labyrinth=None: give a Labyrinth, its text, or the path"),
         ({"labyrinths": [OPEN], "labyrinth": OPEN}, "give labyrinth or labyrinths, not both"),
         ({"labyrinths": [OPEN, KEY_AND_DOOR]}, "2x2 and navigation, not 2x3 and key_and_door"),
         ({"reward": "much"}, "reward=much: choose one of"),

@@ -287,6 +287,7 @@ class Raising:
         (lambda seen: np.full(len(seen), 7), "answered action 7: give 0 up, 1 right, 2 down or 3"),
         (lambda seen: np.full(len(seen), -1), "answered action -1: give 0 up"),
         (lambda seen: np.full((len(seen), 4), np.nan), "answered nan as the score of an action"),
+        (lambda seen: np.ma.masked_less(np.eye(4)[seen[:, 0, 0, 0] % 4], 1), "a masked array: giv"),
         (lambda seen: seen.sort(), "answered NoneType to 48 observations"),
         (lambda seen: ["up"] * len(seen), r"answered <U2 of shape \(48,\) to 48 observations"),
         (lambda seen: (seen, [1, 2], None), "answered tuple, which is not an array"),

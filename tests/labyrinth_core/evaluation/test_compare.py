@@ -13,6 +13,7 @@ from policies import Chance, chance
 from labyrinth_core import compare, load_arrays
 from labyrinth_core.data.buckets import bucket_of, sample_test
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.compare import Comparison, log_evidence
 from labyrinth_core.language.text import labyrinth_id
 
@@ -97,6 +98,16 @@ def test_a_policy_is_never_better_than_itself(datasets):
     assert found.evidence == pytest.approx(1)
     assert found.interval == (0, 1)
     assert str(found).startswith("not decided, after 100 labyrinths: within 12 steps the first")
+
+
+def test_a_function_that_draws_at_random_without_rng_is_refused(datasets):
+    rng = np.random.default_rng(0)
+    for policies in (
+        (right, lambda seen: rng.integers(4, size=len(seen))),
+        (lambda seen: rng.integers(4, size=len(seen)), right),
+    ):
+        with pytest.raises(PolicyError, match="answers the same observations differently: give it"):
+            compare(*policies, datasets, "3x4", observation="vector")
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ def test_a_question_follows_from_its_labyrinth(task, look):
     labyrinth = replace(sampled, look=look)
     row = question(labyrinth)
     assert list(row) == [column.name for column in QUESTION_COLUMNS]
+    assert row == question(row["info"])
     assert parse(row["info"]) == labyrinth
     assert row["labyrinth_id"] == labyrinth_id(labyrinth)
     for column, size in (("image", 600), ("image_300", 300)):

@@ -77,12 +77,13 @@ ABOUT = {
 def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
     policies = {"planner": (forgetful(3, 4), {}), "rounds": (Rounds(2), {"episodes": 2})}
     for policy, options in policies.values():
-        results = results_of(datasets, config, policy, **options)
+        results = results_of(datasets, f"{config}/", policy, **options)
         if policy is not policies["rounds"][0]:
             results = of_run(results)
         path = tmp_path / "a" / "mine.json"
         about = ABOUT if results.run is None else ABOUT | {"name": results.run.name}
-        results.save(path, **about)
+        numbers = {name: np.int64(number) for name, number in about["details"].items()}
+        results.save(path, **about | {"details": numbers})
         assert json.loads(path.read_text(encoding="utf-8"))["method"] == about
         dataset = KnownDataset.read(str(datasets), config)
         found = Results.load(path, {config: dataset}.get)

@@ -76,6 +76,7 @@ def test_the_moves_of_an_answer_are_read(answer, moves):
         (OPEN, "up right right up down", 4, 4, "after the goal"),
         (OPEN, "up down " * 181, None, 360, "limit"),
         (OPEN, "No way.", None, None, "no moves"),
+        (OPEN, None, None, None, "no moves"),  # The content of a model's empty reply.
         (LOCKED, "right right up up", None, 2, "door"),
         (LOCKED, "up up down down right right up up", 8, None, None),
         (ICY, "up right up right", None, 2, "ice"),

@@ -144,7 +144,7 @@ def test_what_is_too_long_is_refused(tmp_path):
     path = tmp_path / "long.labyrinth"
     path.write_bytes(b"\n" * (MAX_TEXT + 1))
     with pytest.raises(LabyrinthSyntaxError, match=r"long\.labyrinth:1:1: the file is too long"):
-        load(path)
+        load(str(path))
     rows = "|   |   |\n|   +   |\n" * 1_000
     error = mistake(f"labyrinth:\n---------\n{rows}| S   E |\n---------\nend\n")
     assert (error.line, error.message) == (2_002, "the drawing is too tall")

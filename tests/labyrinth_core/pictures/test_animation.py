@@ -53,6 +53,19 @@ def test_the_shorter_of_two_episodes_waits_for_the_other():
     assert np.array_equal(both[-1][:, 304:], long[-1])
 
 
+@pytest.mark.parametrize(
+    ("episodes", "found"),
+    [
+        ([], "no frames"),
+        (np.zeros((2, 9, 9, 3), np.uint8), r"\(9, 3\)"),
+        ([np.zeros((1, size, size, 3), np.uint8) for size in (9, 8)], r"\(8, 8, 3\), \(9, 9, 3\)"),
+    ],
+)
+def test_frames_of_other_shapes_are_refused(episodes, found):
+    with pytest.raises(ValueError, match=rf"^{found}: give episodes, each a list of frames"):
+        gif(episodes)
+
+
 def test_episodes_follow_one_another():
     first, second = frames_of(episode(Task.NAVIGATION)), frames_of(episode(Task.ICY_FLOOR))
     shown, _ = decoded(gif([first, second]))

@@ -27,6 +27,7 @@ from labyrinth_core.world.labyrinth import (
     UNREACHABLE,
     Labyrinth,
     LabyrinthError,
+    Look,
     Structure,
     Task,
     horizontal_edges,
@@ -34,6 +35,7 @@ from labyrinth_core.world.labyrinth import (
     whole,
 )
 from labyrinth_core.world.solver import least_moves
+from labyrinth_core.world.tasks import sample_labyrinth
 
 # Passages.
 
@@ -132,6 +134,23 @@ def test_numbers_of_numpys_are_as_good_as_pythons():
     assert least_moves(structure, theirs.start, theirs.goal) == 18
     with pytest.raises(ValueError, match=r"^goal=True: give a whole number$"):
         Labyrinth(structure, 0, True)
+
+
+@pytest.mark.parametrize("look", Look)
+@pytest.mark.parametrize("task", Task)
+def test_task_and_look_as_texts_and_any_collection_of_ice_are_those_of_enum_and_set(task, look):
+    labyrinth = replace(sample_labyrinth(4, 4, task, np.random.default_rng(0)), look=look)
+    drawn = sample_labyrinth(4, 4, str(task), np.random.default_rng(0))
+    texts = replace(drawn, look=str(look), task=str(task), ice=iter(labyrinth.ice))
+    assert texts == labyrinth
+    assert (texts.task, texts.look) == (task, look)
+    assert (type(texts.task), type(texts.look), type(texts.ice)) == (Task, Look, frozenset)
+
+
+@pytest.mark.parametrize(("name", "choices"), [("task", Task), ("look", Look)])
+def test_another_task_or_look_is_refused_with_those_there_are(name, choices):
+    with pytest.raises(LabyrinthError, match=f"^{name}=mud: choose one of {', '.join(choices)}$"):
+        Labyrinth(Structure.without_walls(3, 3), 0, 8, **{name: "mud"})
 
 
 # Distances.

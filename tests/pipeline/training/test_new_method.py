@@ -14,6 +14,7 @@ import pytest
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
+from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
@@ -116,6 +117,21 @@ def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
     text = Path("results/leaderboard.md").read_text(encoding="utf-8")
     assert "| Linear | " in text
     assert "Labyrinth datasets" not in text
+
+
+def test_a_run_of_other_code_is_not_taken_for_the_run(
+    module: Callable[[str, str], None], run_of: Callable[..., Run]
+) -> None:
+    text = "from pipeline.training.methods import sqil\nclass Mine(sqil.Method):\n    pass\n"
+    module("ours", text)
+    settings = {"updates": 1}  # Those of the method that it inherits from.
+    train.run(run_of("ours:Mine", settings=settings))
+    module("ours", f"{text}# Changed.\n")
+    with pytest.raises(
+        DatasetError, match=r"with code=ours\.py \w{12}, not ours\.py \w{12}: choose"
+    ):
+        train.run(run_of("ours:Mine", settings=settings))
+    train.run(run_of("ours:Mine", settings=settings, overwrite=True))
 
 
 @pytest.mark.parametrize(

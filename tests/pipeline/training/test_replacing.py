@@ -86,8 +86,9 @@ def killed_before(change: int, run: Run) -> bool:
 
 
 def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
-    run_of: Callable[..., Run], tmp_path: Path
+    run_of: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(record, "_curves", lambda *_: b"drawn")  # Drawing takes most of the time.
     folder, old = run_of().training_folder, tmp_path / "old"
     train.run(run_of(epochs=1))
     (folder / "notes.txt").write_text("mine")
