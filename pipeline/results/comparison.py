@@ -157,7 +157,8 @@ def _difference(
     if (one, other) not in found:
         return ""
     points = 100 * (rates[one].mean() - rates[other].mean())
-    return f"{round(points)} ({found[one, other]:.2f})"
+    p = found[one, other]
+    return f"{round(points)} ({'<0.01' if p < 0.005 else f'{p:.2f}'})"
 
 
 def _conclusion(

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict
 from importlib import import_module
 from math import sqrt
@@ -118,26 +118,30 @@ def verdicts() -> str:
 
 def resnet() -> str:
     """Return a table of the paper's cells beside our runs with ResNet-18, each with a verdict."""
-    heading = ["% solved: printed / ResNet-18 here", "epochs"]
-    rows = [
-        [f"{config}, {METHODS[method]}", *_with_resnet(config, method, methods[method])]
-        for config, methods in RESNET.items()
-        for method in METHODS
-    ]
-    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 7)
+    rows: list[list[str]] = []
+    for config, methods in RESNET.items():
+        for method in METHODS:
+            name = f"{config}, {METHODS[method]}"
+            figures = [paper_figures()[config, split, method] for split in EVALUATED_SPLITS]
+            kept = {
+                precision: RESULTS / f"{folder}/{config}/{method}-resnet18-seed0.json"
+                for precision, folder in (("float32", "runs"), ("bfloat16", "bfloat16/runs"))
+            }
+            there = {each: read_run(path) for each, path in kept.items() if path.exists()}
+            for precision, run in there.items():
+                epochs = str(run["run"]["training"]["epochs"])
+                rows.append([name, precision, epochs, *_judged_in(run, figures)])
+            if not there:
+                cells = (f"{printed_in(each)} / -" for each in figures)
+                rows.append([name, "", f"not run: {methods[method]} hours", *cells])
+    heading = ["% solved: printed / ResNet-18 here", "precision", "epochs"]
+    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 8)
 
 
-def _with_resnet(config: str, method: str, hours: float) -> list[str]:
-    figures = [paper_figures()[config, split, method] for split in EVALUATED_SPLITS]
-    path = RESULTS / f"runs/{config}/{method}-resnet18-seed0.json"
-    if not path.exists():
-        return [f"not run: {hours} hours", *(f"{printed_in(each)} / -" for each in figures)]
-    kept = read_run(path)
-    found = [str(kept["run"]["training"]["epochs"])]
+def _judged_in(run: Run, figures: Sequence[PaperFigure]) -> Iterator[str]:
     for figure in figures:
-        ours = float(kept["solved"][figure.split].mean())
-        found.append(f"{whole(figure.sr)} / {whole(ours)}, {judge(figure, ours, ours)[-1]}")
-    return found
+        ours = float(run["solved"][figure.split].mean())
+        yield f"{whole(figure.sr)} / {whole(ours)}, {judge(figure, ours, ours)[-1]}"
 
 
 def counted_verdicts() -> str:

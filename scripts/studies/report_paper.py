@@ -40,15 +40,14 @@ def of_size(config: str) -> str:
     rows = []
     for pattern, note in (
         ("*-cnn-seed?.json", ""),
-        ("*-resnet18-seed?.json", ", ResNet-18"),
         ("bc-cnn-seed?-paper.json", ", `protocol=paper`"),
         ("planner-seed?.json", ""),
     ):
         if not any((RESULTS / folder).glob(pattern)):
             continue
         for name, runs in by_method(read_runs(folder, pattern)).items():
-            cell = partial(_beside, config, runs, beside="ResNet" not in note)
-            rows.append([name + note, str(len(runs)), *map(cell, EVALUATED_SPLITS)])
+            cells = map(partial(_beside, config, runs), EVALUATED_SPLITS)
+            rows.append([name + note, str(len(runs)), *cells])
     baselines = read_runs(folder, "bc-cnn-seed0.json")[0]["baselines"]
     for name, (kept, figure) in REFERENCES.items():
         cells = (whole(baselines[kept][split][figure]) for split in EVALUATED_SPLITS)
@@ -56,10 +55,10 @@ def of_size(config: str) -> str:
     return table([config, "seeds", *splits()], rows)
 
 
-def _beside(config: str, runs: Sequence[Run], split: str, *, beside: bool) -> str:
+def _beside(config: str, runs: Sequence[Run], split: str) -> str:
     ours = whole(solved_in(runs, split).mean())
     printed = paper_figures().get((config, split, runs[0]["run"]["method"]))
-    return f"{ours} ({whole(printed.sr)})" if beside and printed else ours
+    return f"{ours} ({whole(printed.sr)})" if printed else ours
 
 
 def memory() -> str:

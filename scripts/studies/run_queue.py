@@ -46,10 +46,10 @@ DATASETS = (
 """What the runs learn from, and are evaluated on."""
 
 RESNET = {
-    "3x3": {"bc": 0.1, "dagger": 0.1, "iupe": 0.3, "bco": 0.4, "gail": 1.2, "sqil": 1.5},
-    "5x5": {"bc": 0.4, "dagger": 0.7, "iupe": 1.1, "bco": 1.3, "sqil": 1.9, "gail": 10.5},
+    "3x3": {"bc": 0.1, "dagger": 0.1, "iupe": 0.2, "bco": 0.2, "gail": 0.5, "sqil": 0.6},
+    "5x5": {"bc": 0.3, "dagger": 0.4, "iupe": 0.5, "bco": 0.6, "sqil": 0.9, "gail": 4.5},
 }
-"""Hours of each method with ResNet-18, estimated from some epochs; the least first."""
+"""Hours of each method with ResNet-18 in bfloat16, estimated from some epochs; the least first."""
 
 AUTHORS = {
     "3x3": {"bc": (1000, 0.02), "dagger": (200, 0.2), "bco": (400, 1.3), "iupe": (100, 0.1)},
@@ -73,6 +73,8 @@ class Planned:
     options: str
     """Those of training and evaluation."""
     evaluate_on: str = ""
+    trained_by: str = "run.py"
+    """The program that trains."""
 
     @property
     def folder(self) -> str:
@@ -86,10 +88,11 @@ class Planned:
         return f"{self.kept.removesuffix('.json')}/{results}"
 
     def commands(self) -> Iterator[str]:
-        """Yield the options of the two runs of the program that make it."""
+        """Yield the two commands that make it, each a program and its options."""
         own = f"{self.options} threads=1 run_dir={Path('runs', self.kept).parents[1]}"
-        yield f"{own} stages=train"
-        yield f"{own} stages=evaluate" + f" evaluate_on={self.evaluate_on}" * bool(self.evaluate_on)
+        elsewhere = f" evaluate_on={self.evaluate_on}" * bool(self.evaluate_on)
+        yield f"{self.trained_by} {own} stages=train"
+        yield f"run.py {own} stages=evaluate{elsewhere}"
 
 
 def planned() -> Iterator[Planned]:
@@ -98,8 +101,9 @@ def planned() -> Iterator[Planned]:
         for method, hours in methods.items():
             epochs = 150 if method == "gail" else 50
             given = f"method={method} encoder=resnet18 method.epochs={epochs}"
-            name = f"runs/{config}/{method}-resnet18-seed0.json"
-            yield Planned(name, hours, f"size={config[0]} {given} method.evaluate_every=5")
+            name = f"bfloat16/runs/{config}/{method}-resnet18-seed0.json"
+            given += f" size={config[0]} method.evaluate_every=5"
+            yield Planned(name, hours, given, trained_by="scripts/studies/train_in_bfloat16.py")
     for config, chosen in AUTHORS.items():
         for method, (epochs, hours) in chosen.items():
             given = f"method=scripts.studies.methods.authors.{method}:Method protocol=authors"
@@ -139,7 +143,7 @@ def main() -> None:
     # `subprocess.run` then kills what it waits for; a checkpoint is half a minute old at most.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     for options in DATASETS:
-        program(f"{options} stages=build")
+        program(f"run.py {options} stages=build")
     for each in missing:
         if each.hours <= LONGEST:
             perform(each, kept)
@@ -150,8 +154,8 @@ def perform(run: Planned, kept: Path) -> None:
     before, began = processor_seconds(), time.time()
     print(f"{time.strftime('%d %b %H:%M:%S')}  {run.kept}", flush=True)
     try:
-        for options in run.commands():
-            program(options)
+        for command in run.commands():
+            program(command)
         keep(run, kept)
     except subprocess.CalledProcessError as error:
         print(f"failed: {error}", flush=True)
@@ -176,9 +180,9 @@ def processor_seconds() -> float:
     return used.ru_utime + used.ru_stime
 
 
-def program(options: str) -> None:
-    """Run the program with options, in the folder of the project."""
-    subprocess.run([sys.executable, "run.py", *shlex.split(options)], cwd=ROOT, check=True)
+def program(command: str) -> None:
+    """Run a program with options, in the folder of the project."""
+    subprocess.run([sys.executable, *shlex.split(command)], cwd=ROOT, check=True)
 
 
 if __name__ == "__main__":
