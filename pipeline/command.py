@@ -74,7 +74,9 @@ def run_command() -> int:
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     try:
-        sys.argv[1:] = map(keep_texts, sys.argv[1:])
+        # Hydra refuses options after a flag that follows others.
+        given = sorted(sys.argv[1:], key=lambda each: each not in ("-m", "--multirun"))
+        sys.argv[1:] = map(keep_texts, given)
     except (HydraException, ConfigError) as error:
         _explain(refusal(error))
         return 1

@@ -149,7 +149,7 @@ def _solve(options: Namespace) -> int:
     if options.all:
         limit = options.limit or ROUTES
         routes = simple_routes(labyrinth, limit)
-        if len(routes) == limit:
+        if len(routes) == limit < len(simple_routes(labyrinth, limit + 1)):
             print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
     for actions in routes:
         words = " ".join(Action(action).name.lower() for action in actions)

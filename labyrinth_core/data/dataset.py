@@ -245,6 +245,13 @@ def locate(
     return local_folder(source, config, revision) or _download(str(source), config, files, revision)
 
 
+def require_unchanged(source: str | Path, config: str, fingerprint: str) -> None:
+    """Raise a DatasetError if a folder's dataset no longer has this fingerprint."""
+    folder = folder_at(source) / config
+    if folder.is_dir() and Manifest.read(folder).fingerprint != fingerprint:
+        raise DatasetError(f"{folder} was replaced or grew while it was read: run this again")
+
+
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
     """Return the folder with a dataset's manifest, or None for an id on the Hub.
 

@@ -221,7 +221,7 @@ def replacing(path: Path) -> Iterator[Path]:
     try:
         with naming(path, temporary):
             yield temporary
-        temporary.replace(target)
+            temporary.replace(target)
     finally:
         temporary.unlink(missing_ok=True)
 

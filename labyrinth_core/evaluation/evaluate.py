@@ -14,7 +14,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset import locate
+from labyrinth_core.data.dataset import locate, require_unchanged
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import Player, fitted
@@ -79,7 +79,7 @@ def evaluate(
         ValueError: An argument has a value that is not allowed.
         PolicyError: The policy is not one of these, raises an error, answers with anything but
             actions, or cannot be shown these labyrinths.
-        DatasetError: The dataset or split does not exist.
+        DatasetError: The dataset or split does not exist, or was replaced meanwhile.
     """
     seed = whole("seed", seed, 0, MOST_SEED)
     if episodes is not None:
@@ -109,6 +109,7 @@ def evaluate(
 
     chosen = _chosen(splits, manifest)
     scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
+    require_unchanged(source, config, manifest.fingerprint)
     return Results(
         dataset=str(source),
         revision=revision,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.storage import local_copy, read_json
+from labyrinth_core.data.storage import file_sha256, local_copy, read_json
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 
 if TYPE_CHECKING:
@@ -128,7 +128,10 @@ def _read_spec_of_run(folder: Path) -> PolicySpec:
     _, metadata = _read_weights(folder / POLICY)
     try:
         check_size(record, RECORD, record.stat().st_size)
-        network, run = json.loads(metadata["network"]), read_json(record)["run"]
+        network, content = json.loads(metadata["network"]), read_json(record)
+        recorded, run = content.get("files", {}).get(POLICY), content["run"]
+        if recorded not in (None, file_sha256(folder / POLICY)):
+            raise ValueError(f"{POLICY} is damaged: its sha256 is not the one in {RECORD}")
         return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
     except _UNREADABLE as error:
         raise DatasetError(f"{folder} holds no trained policy: {one_line(error):.300}") from error

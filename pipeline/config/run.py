@@ -37,6 +37,7 @@ from pipeline.config.training import (
     check_method,
     check_policy,
     check_training,
+    check_unnamed,
 )
 
 STAGES = {
@@ -252,7 +253,7 @@ def resolve(options: RunConfig) -> Run:
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)
-        check_options(options.evaluation, EvaluationOptions, "evaluation.")
+        check_unnamed(options.evaluation)
     if "publish" in stages:
         check_publish(options.publish, options.export, options)
     if "export" in stages:

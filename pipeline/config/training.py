@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib import import_module
 from math import inf
 from pathlib import Path
@@ -113,7 +113,7 @@ class TrainingOptions:
         "",
         "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
         "user/name/4x6 on the Hub",
-        like=(r"(.*[^/]/\d+x\d+(-\w+)?)?", "a dataset and its config, such as data/other/4x6"),
+        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
     )
     results_dir: str = option(
         "results",
@@ -176,7 +176,7 @@ class EvaluationOptions:
         at_least=0,
         at_most=1_000,
     )
-    name: str = option("", "name of the policy in tables (the value of policy)")
+    name: str = option("", "name of the policy in tables (the last part of policy)")
     author: str = option("", "author of the policy")
     url: str = option(
         "",
@@ -217,6 +217,18 @@ def check_training(options: TrainingOptions) -> None:
         options.network == options.encoder or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
+
+
+def check_unnamed(evaluation: EvaluationOptions) -> None:
+    """Raise a ConfigError if an option that only `policy` has is given without it."""
+    check_options(evaluation, EvaluationOptions, "evaluation.")
+    for each in fields(evaluation):
+        value = getattr(evaluation, each.name)
+        check(
+            value == each.default or each.name == "gifs",
+            f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
+            "name, on all splits",
+        )
 
 
 def check_method(options: TrainingOptions) -> None:

@@ -63,9 +63,10 @@ def judge_named(run: Run) -> Judged:
         path = runs / _as_file_name(name) / RESULTS
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
-    key = {"policy": name}
+    manifest = manifest_of(run)  # Its error says how to make a dataset that is missing.
+    config = manifest.config
+    key = {"policy": options.policy, "name": name, "fingerprint": manifest.fingerprint}
     require_free(path, key, run)
-    config = manifest_of(run).config  # Its error says how to make a dataset that is missing.
     policy = named_policy(options.policy)
     # "image" is the option's default, so it does not say what the policy observes.
     observation = None if options.observation == "image" else options.observation

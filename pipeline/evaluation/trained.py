@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from functools import partial
 
-from labyrinth_core.data.dataset import locate
+from labyrinth_core.data.dataset import locate, require_unchanged
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
@@ -17,7 +17,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.pictures.vector import tile_count
-from labyrinth_core.policies.spec import POLICY
+from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.evaluation.named import Judged, require_free
@@ -47,6 +47,12 @@ def judge_trained(run: Run) -> Judged:
     _, asked = find(options.method_name, about["settings"] | options.method, about["protocol"])
     advice = ": leave the option out, or train with it first"
     require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
+    weights = file_sha256(folder / POLICY)
+    if weights != record["files"].get(POLICY):
+        raise DatasetError(
+            f"{folder / POLICY} is damaged: its sha256 is not the one in {RECORD}; stages=train "
+            "makes it again"
+        )
     spec = spec_of(run)
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
@@ -77,6 +83,7 @@ def judge_trained(run: Run) -> Judged:
         learnt=learnt,
         blind=True,
     )
+    require_unchanged(judged_on.source, config.name, fingerprint)
     as_tried = None
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
@@ -93,7 +100,7 @@ def judge_trained(run: Run) -> Judged:
         evaluated={
             "device": device.type,
             "versions": training_versions(),
-            "weights": file_sha256(folder / POLICY),
+            "weights": weights,
         },
         references_know=None if learnt is None else about["fingerprint"],
         as_tried=as_tried,
@@ -122,7 +129,7 @@ def elsewhere(run: Run) -> Run:
         ConfigError: The policy observes vectors, which have another meaning in that dataset.
         DatasetError: The dataset does not exist.
     """
-    source, _, name = run.options.evaluate_on.rpartition("/")
+    source, _, name = run.options.evaluate_on.rstrip("/").rpartition("/")
     config, trained_on = Manifest.read(locate(source, name, [])).config, run.dataset
 
     def vectors(of: DatasetConfig) -> tuple[int, int, int]:

@@ -36,7 +36,7 @@ from labyrinth_core.data.manifest import (
     Shard,
     TableFile,
 )
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -123,7 +123,8 @@ def build(
         if run.part is None:
             return _build(run, workplace, there, plan_of)
         part, parts = run.part
-        workplace.prepare(run.dataset, parts=parts)
+        recount = run.options.overwrite and workplace.is_for(run.dataset)
+        workplace.prepare(run.dataset, parts=parts, overwrite=recount)
     # Each part has its own lock, because parts are made at the same time.
     with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
         shards = _made(run, plan_of(there)[0][part % parts :: parts])
@@ -157,6 +158,12 @@ def _there(run: Run) -> Manifest | None:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
             f"another data_dir; {_what_refers_to(manifest, run)}"
+        )
+    if differing and same and not more and run.options.grow:
+        shifts = ",".join(shift for shift in SHIFTS if shift in {*there.shifts, *asked.shifts})
+        raise DatasetError(
+            f"{folder} holds a dataset with {differing}: to extend it, give all it is to have, "
+            f"labyrinths={max(there.labyrinths, asked.labyrinths)} 'shifts=[{shifts}]'"
         )
     if differing and not can_grow:
         raise DatasetError(

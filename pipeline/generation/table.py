@@ -78,7 +78,8 @@ class Content:
             parent_id = int(labyrinth_id(parent), 16)
         turns = sum(one != other for one, other in pairwise(bytes(routes[0])))
         steps = sum(map(len, routes))
-        is_shortest = demonstrated and steps == moves * len(routes)
+        # A noisy demonstrator may end on ice after as many moves.
+        is_shortest = demonstrated and not self._config.noise and steps == moves * len(routes)
         counts = self.counts
         counts["labyrinths"] += 1
         counts["episodes"] += len(routes)

@@ -111,7 +111,7 @@ class Workplace:
         Args:
             config: The configuration of the dataset.
             parts: The number of parts that are being made; None to finish the dataset.
-            overwrite: Whether to remove parts of another configuration.
+            overwrite: Whether to remove parts of another configuration, or to change their number.
 
         Raises:
             DatasetError: A user's files, or parts of another configuration, would be lost.
@@ -157,9 +157,12 @@ class Workplace:
             for key in there | here
             if there.get(key) != here.get(key)
         )
+        cure = "overwrite=true without part to start again"
+        if parts is not None and self.is_for(config):
+            cure = f"overwrite=true to go on in {parts} parts"
         raise DatasetError(
             f"{self.building} holds parts of a build with {differing}: give the same options, "
-            "choose another data_dir, or give overwrite=true without part to start again"
+            f"choose another data_dir, or give {cure}"
         )
 
     @property

@@ -71,7 +71,8 @@ def _analyse(run: Run) -> Iterator[str]:
             "measures": [shift.to_json() for shift in shifts],
         },
     }
-    leave(folder, {ANALYSIS: _as_text(content).encode()})
+    text = _as_text(content).encode()
+    leave(folder, {ANALYSIS: text}, overwrite=run.options.overwrite)
     yield from _leaks(leakage, {})
     yield f"{folder / ANALYSIS} has near-twins and tests of shift."
 

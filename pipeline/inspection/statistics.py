@@ -27,6 +27,7 @@ from labyrinth_core.evaluation.schema import (
 from pipeline.inspection import front_matter
 from pipeline.inspection.certificate import Certificate, Keys, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
+from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
 
@@ -155,6 +156,9 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
         content = read_json(path)
         if content["fingerprint"] != manifest.fingerprint:
             return None
+        sums = Sums.read(folder)
+        if ANALYSIS in dict(sums.hashes) and not sums.has(ANALYSIS):
+            raise ValueError(f"its sha256 is not the one in {HASHES}")
         check_shape(content, _ANALYSIS)
         leakage = content["leakage"]
         for pair in leakage["pairs"]:
@@ -170,7 +174,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     except FileNotFoundError:
         return None
     except MALFORMED as error:
-        reason = f"{one_line(error):.300}; stages=analyse writes it again"
+        reason = f"{one_line(error):.300}; stages=analyse overwrite=true writes it again"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
 
 

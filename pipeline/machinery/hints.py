@@ -36,7 +36,7 @@ def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str
             "load_policy takes the id of the policy": options.publish.model,
         }
         return [f"Next: {line}, from any machine." for line, id_ in takes.items() if id_]
-    if last == "evaluate":
+    if last == "evaluate" and not options.evaluate_on:
         added, purpose = COMPARE
     elif last == "build" and run.part is None:
         added, purpose = DESCRIBE

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import Action
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.texts import paragraph
@@ -25,10 +26,15 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     demonstrated = {"noise" if c.noise else f"solutions_{c.solutions}" for c in configs}
     same_size = len({(config.height, config.width) for config in configs}) < len(configs)
     apart = len({config.buckets for config in configs}) > 1
+    walls = min(config.min_walls for config in configs)
+    looks = [shift for shift in SHIFTS if SPLITS[shift].is_redrawn]
+    looks = [shift for shift in looks if any(shift in config.shifts for config in configs)]
+    cut = sum(shard.cut for dataset in datasets for shard in dataset.manifest.shards)
     points = [
         paragraph("wilson") if "wilson" in samplers else "",
         paragraph("other_samplers", samplers=others) if others else "",
-        paragraph("near", counted=_counted(datasets)),
+        paragraph("near", counted=_counted(datasets)) if walls == 1 else "",
+        paragraph("farther", walls=str(walls)) if walls > 1 else "",
         paragraph("fixed_goals", where=where, forward=forward) if forward else "",
         paragraph("varied_goals", varied=varied) if varied else "",
         *(
@@ -36,7 +42,11 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
             for name in ("solutions_shortest", "solutions_all", "noise")
             if name in demonstrated
         ),
-        *map(paragraph, ("one_renderer", "deterministic", "random_is_cut")),
+        paragraph("cut", cut=f"{cut:,}") if cut else "",
+        paragraph("looks", looks=" and ".join(f"`{shift}`" for shift in looks)) if looks else "",
+        *map(paragraph, () if looks else ("one_renderer",)),
+        paragraph("deterministic_noise" if "noise" in demonstrated else "deterministic"),
+        paragraph("random_is_cut"),
         paragraph("same_size_apart" if apart else "same_size") if same_size else "",
     ]
     return [point for point in points if point]

@@ -17,6 +17,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import LEGEND
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
+from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.results.figures import MethodRuns, by_method, run_of
@@ -65,8 +66,9 @@ def run(run: Run) -> None:
             f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
     methods = by_method(comparable(found))
-    if methods:
+    if methods or Sums.read(results_dir).has("results.csv"):
         write_tables(results_dir, methods)
+    if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             console.print(overview(list(of_config)))
         say_once(LEGEND[0])

@@ -28,8 +28,11 @@ def run(run: Run) -> None:
             if not kept.is_file() or file_sha256(kept) != row["results_sha256"]:
                 raise DatasetError(f"{kept} does not hold the results that {place.judged} names")
             files[f"results/{kept.name}"] = kept.read_bytes()
-            for path in (place.private / str(number)).iterdir() if row["commit"] is None else ():
-                files[f"submissions/{number}/{path.name}"] = path.read_bytes()
+            for name, digest in row["files"].items() if row["commit"] is None else ():
+                kept = place.private / str(number) / name
+                if not kept.is_file() or file_sha256(kept) != digest:
+                    raise DatasetError(f"{kept} is not the file that {place.judged} names")
+                files[f"submissions/{number}/{name}"] = kept.read_bytes()
         files[place.revealed.name] = f"{secret.hex()}\n".encode()
         leave(place.public, files)
     say(f"{place.public} is revealed: publish it, so that anyone can check it with stages=verify.")

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
+from labyrinth_core.data.dataset import require_unchanged
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.data.storage import file_sha256
@@ -92,6 +93,7 @@ def _train(
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
+        require_unchanged(run.source, run.dataset.name, identity["fingerprint"])
         path.parent.mkdir(parents=True, exist_ok=True)
         try:
             with _reporting(options, learner.settings.epochs, folder) as report:

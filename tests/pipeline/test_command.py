@@ -111,12 +111,11 @@ def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
     options = ["size=3,2x4", "task=navigation,partial_observability"]
     arguments = [
         *options,
-        "labyrinths=1",
         "random_steps=5",
         "data_dir=data",
         "stages=[build,validate]",
     ]
-    result = run(tmp_path, "-m", *arguments)
+    result = run(tmp_path, "labyrinths=1", "-m", *arguments)
     assert (result.returncode, result.stderr) == (0, "")
     names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
     assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}

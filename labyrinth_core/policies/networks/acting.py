@@ -190,8 +190,10 @@ def _batch_of(spec: PolicySpec, observation: NDArray[Any]) -> tuple[NDArray[Any]
 
 
 def _require_kind(spec: PolicySpec, observations: Any) -> None:
-    shown = "text"
+    shown = "text" if isinstance(observations, list) else type(observations).__name__
     if isinstance(observations, np.ndarray):
         shown = "image" if observations.dtype == np.uint8 else "vector"
+        if shown == "vector" and observations.ndim > 2:
+            shown = f"an array of {observations.dtype}, not uint8"
     if shown != spec.observation:
         raise PolicyError(f"the policy needs observation={spec.observation}, but is shown {shown}")

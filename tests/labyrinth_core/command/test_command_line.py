@@ -132,6 +132,7 @@ def test_solve_prints_every_route_without_a_loop(run, tmp_path):
         "3 moves: right right up\n"
         "5 moves: up right down right up\n"
     )
+    assert run("solve", path, "--all", "--limit", "4") == (0, out, "")
     status, out, err = run("solve", path, "--all", "--limit", "2")
     assert (status, out.count("\n")) == (0, 2)
     assert err == "labyrinth: stopped after 2 routes (--limit)\n"

@@ -165,7 +165,17 @@ def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) 
         assert list(tmp_path.iterdir()) == []
 
 
-def test_an_error_of_a_temporary_file_names_the_file_that_is_written(tmp_path: Path) -> None:
+def test_an_error_of_a_temporary_file_names_the_file_that_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(path: Path, _: Path) -> None:
+        raise PermissionError(errno.EPERM, "Operation not permitted", str(path))
+
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "replace", refuse)
+        with pytest.raises(PermissionError) as refused:
+            write_bytes(tmp_path / "y.png", b"")
+    assert refused.value.filename == str(tmp_path / "y.png")
     path = tmp_path / "nowhere" / "x.png"
     with pytest.raises(FileNotFoundError) as caught:
         write_bytes(path, b"")

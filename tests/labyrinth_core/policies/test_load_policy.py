@@ -279,6 +279,10 @@ def test_a_policy_that_is_shown_something_else_says_what_it_looks_at(
             evaluate(policy, small_dataset.data_dir, "3x3", observation=shown, splits=["test"])
         told = f"the policy needs observation=image, but is shown {shown}"
         assert str(caught.value) == told
+    pictures = np.zeros((1, 64, 64, 3), np.float32)
+    for shown, said in ((pictures, "an array of float32, not uint8"), (torch.ones(1), "Tensor")):
+        with pytest.raises(PolicyError, match=f"needs observation=image, but is shown {said}$"):
+            policy(shown)
 
 
 @pytest.mark.parametrize(

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import shutil
 
+import numpy as np
 import pytest
 
+from labyrinth_core import evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -18,6 +21,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
+from pipeline.training.methods.method import find
 from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
@@ -94,6 +98,43 @@ def test_a_run_that_was_trained_with_another_setting_is_refused(trained, elsewhe
     stage.run(elsewhere(trained.options.data_dir, method={"name": "bc"}))
 
 
+def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_path):
+    shutil.copytree(trained.options.run_dir, tmp_path / "runs")
+    run = run_of(trained.data_dir, tmp_path / "runs")
+    path = run.training_folder / "policy.safetensors"
+    weights = bytearray(path.read_bytes())
+    weights[-1] ^= 1
+    path.write_bytes(weights)
+    damaged = "policy.safetensors is damaged: its sha256 is not the one in run.json"
+    with pytest.raises(DatasetError, match=damaged):
+        stage.run(run)
+    with pytest.raises(DatasetError, match=damaged):
+        load_policy(run.training_folder)
+
+
+def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
+    build, run_of, tmp_path
+):
+    small = build(tmp_path / "data", labyrinths=2)
+    grown = build(tmp_path / "grown", labyrinths=3)
+
+    def grow(seen=()):
+        shutil.rmtree(small.folder)
+        shutil.copytree(grown.folder, small.folder)
+        return np.zeros(len(seen), np.int64)
+
+    with pytest.raises(DatasetError, match="grew while it was read: run this again"):
+        evaluate(grow, small.data_dir, "3x3")
+
+    shutil.rmtree(small.folder)
+    small = build(tmp_path / "data", labyrinths=2)
+    run = run_of(small.data_dir, tmp_path / "runs")
+    identity = train.identify(run, find("bc", {})[1])
+    grow()
+    with pytest.raises(DatasetError, match="grew while it was read: run this again"):
+        train._train(run, tmp_path, tmp_path / "checkpoint", identity, 30)
+
+
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     trained, elsewhere, build, tmp_path, datasets
 ):
@@ -104,7 +145,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.
-        stage.run(elsewhere(tmp_path / "gone", evaluate_on=f"{data_dir}/{name}"))
+        stage.run(elsewhere(tmp_path / "gone", evaluate_on=f"{data_dir}/{name}/"))
         (path,) = folder.glob(f"results-{name}-*.json")
         content = json.loads(path.read_bytes())
         fingerprint = Manifest.read(data_dir / name).fingerprint

@@ -187,6 +187,7 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
+        ({"policy": "", "episodes": 3}, "evaluation.episodes is for policy=...: a trained run is"),
         ({"policy": "", "observation": "text"}, "observation=text is only for policy=...: give im"),
     ],
 )
@@ -214,7 +215,7 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
     (path.parent / "run.json").unlink()
     before = path.read_bytes()
     reasons = {
-        "my policy": "my-policy is made with policy=my policy, not my-policy: choose another eval",
+        "my policy": "my-policy is made with name=my policy, not my-policy: choose another eval",
         None: r"results\.json: made or changed by someone else.*, or choose another eval",
     }
     with pytest.raises(DatasetError, match=reasons[theirs]):
@@ -222,6 +223,17 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
     assert path.read_bytes() == before
     if theirs is not None:
         stage.run(run_of("strange:right", name=theirs))
+
+
+def test_results_are_those_of_one_policy_on_one_dataset(run_of, build, tmp_path):
+    stage.run(run_of("strange:right", name="mine"))
+    other = build(tmp_path / "other", labyrinths=8, seed=1)
+    for run, differing in (
+        (run_of("strange:make", name="mine"), "policy=strange:right, not strange:make"),
+        (run_of("strange:right", name="mine", data_dir=str(other.data_dir)), "fingerprint="),
+    ):
+        with pytest.raises(DatasetError, match=f"mine is made with {differing}.*choose another"):
+            stage.run(run)
 
 
 def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):

@@ -168,11 +168,15 @@ def test_the_shorter_dataset_stays_until_the_longer_one_is_whole(
 @pytest.mark.parametrize(
     ("before", "options", "words"),
     [
-        ({}, {"labyrinths": 9}, "labyrinths=10, not labyrinths=9: choose"),
+        (
+            {},
+            {"labyrinths": 9},
+            r"not labyrinths=9: to extend it, .* labyrinths=10 'shifts=\[\]'",
+        ),
         (
             {"shifts": ("g",)},
             {"shifts": ("kruskal",)},
-            r"shifts=\[g\], not shifts=\[kruskal\]: choose",
+            r"shifts=\[g\], not shifts=\[kruskal\]: to extend it, .* 'shifts=\[g,kruskal\]'",
         ),
         ({}, {"labyrinths": 11, "seed": 1}, "labyrinths=10, not labyrinths=11; seed=0, not"),
         # Validation and test depend on all of train then.

@@ -9,10 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pyarrow.parquet import read_table
 from tampering import TRAIN, episode_rows, problems, rows_of
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import State, initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -64,6 +65,20 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
     again = pickle.loads(pickle.dumps(loaded))
     assert np.array_equal(again.optimal, rows)
     assert found < len(rows)
+
+
+def test_an_episode_that_ends_on_ice_after_as_many_moves_as_a_shortest_route_is_not_optimal(
+    build: Build, tmp_path: Path
+) -> None:
+    run = noisy(build, tmp_path, 0.3, size="4", labyrinths=20, task="icy_floor")
+    for split in ("test", "s0"):
+        loaded = load_transitions(
+            run.data_dir, run.dataset.name, split=split, observation="vector", optimal=True
+        )
+        assert loaded.optimal is not None
+        optimal = loaded.optimal[np.arange(len(loaded)), np.asarray(loaded.actions)]
+        table = read_table(run.folder / TABLE, filters=[("split", "=", split)])
+        assert sum(table["optimal_actions"].to_pylist()) == optimal.sum()
 
 
 def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_path: Path) -> None:

@@ -102,6 +102,16 @@ def test_parts_with_other_options_in_one_folder_are_refused(
     assert not (tmp_path / ".4x4.building").exists()
 
 
+@pytest.mark.slow
+def test_a_build_goes_on_in_another_number_of_parts(
+    build: Build, tmp_path: Path, whole: Run
+) -> None:
+    build(tmp_path, **SHARDS, part="1/4")
+    for part in ("1/2", "2/2"):
+        build(tmp_path, **SHARDS, part=part, overwrite=True)
+    assert content_of(build(tmp_path, **SHARDS).data_dir) == content_of(whole.data_dir)
+
+
 @pytest.mark.parametrize(
     ("given", "words"),
     [

@@ -71,6 +71,11 @@ def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
         resolve(RunConfig(stages=tuple(stages), size="3"))
 
 
+def test_an_evaluation_on_another_dataset_which_the_tables_ignore_suggests_no_tables() -> None:
+    options = RunConfig(stages=("evaluate",), size="3", evaluate_on="data/other/4x4")
+    assert hints(resolve(options), ["size=3"]) == []
+
+
 def test_a_publication_says_what_loads_it_and_a_rehearsal_nothing() -> None:
     publish = PublishOptions(repo_id="a/b", version="1.0.0")
     options = RunConfig(stages=("publish",), publish=publish)

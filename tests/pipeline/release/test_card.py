@@ -31,6 +31,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
+from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
@@ -138,6 +139,31 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
     assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
     assert f"{DEFAULT}/{ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
+
+    path = folder / DEFAULT / ANALYSIS
+    whole = path.read_bytes()
+    path.write_bytes(whole.replace(b'"spread": "', b'"spread": "9', 1))
+    refused(folder, r"analysis\.json cannot be read: .*its sha256 is not the one in SHA256SUMS")
+    analyse.run(resolve(RunConfig(**options, overwrite=True)))
+    assert path.read_bytes() == whole
+
+
+def test_limits_say_what_holds_of_these_options_alone(build, tmp_path):
+    noise = DemonstrationsConfig(noise=0.3)
+    splits = SplitsConfig(min_walls=2)
+    looks = ["recoloured", "thin_walls"]
+    build(tmp_path / "a", demonstrations=noise, splits=splits, shifts=looks)
+    build(tmp_path / "b", solutions="all", solutions_limit=2)
+    for name in "ab":
+        card.write_card(tmp_path / name)
+    first, second = (" ".join(text(tmp_path / name).split()) for name in "ab")
+    assert "in as few as 2 walls" in first
+    assert "Demonstrations with noise also walk into walls" in first
+    assert "all but `recoloured` and `thin_walls` in the same colours" in first
+    assert "in a single wall" in second
+    assert "no demonstration walks into a wall" in second
+    assert "in the same colours and at the same scale" in second
+    assert re.search(r"at most `solutions_limit` demonstrations; \d+ labyrinths reach", second)
 
 
 def test_limits_and_citation_come_before_statistics(carded):

@@ -108,6 +108,11 @@ def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path,
     stage.run(run_of(tmp_path / "nothing there"))
     assert "success weighted" not in capsys.readouterr().out, "the legend is printed once"
     assert [(folder / name).read_bytes() for name in tables] == before
+    for path in (folder / "runs" / "3x3").iterdir():
+        path.write_text("{}", encoding="utf-8")
+    with pytest.raises(stage.RefusedError):
+        stage.run(run_of(tmp_path / "nothing there"))
+    assert ",here," not in (folder / "results.csv").read_text(encoding="utf-8")
 
 
 def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evaluated):

@@ -146,6 +146,19 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
 
 
 @pytest.mark.slow
+def test_the_files_of_a_judgement_that_was_interrupted_are_not_published(
+    hidden, tmp_path, make_run
+):
+    perform = Performer(tmp_path, make_run)
+    shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
+    kept = perform.place.private / "1"
+    (kept / "model.onnx").write_bytes(b"of another person, whose judgement was killed")
+    perform("reveal")
+    names = [path.name for path in (perform.place.public / "submissions" / "1").iterdir()]
+    assert sorted(names) == ["policy.safetensors", "run.json"]
+
+
+@pytest.mark.slow
 def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed):
     public = revealed.place.public
     said = revealed("verify")
