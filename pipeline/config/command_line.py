@@ -133,8 +133,11 @@ def _no_option(name: str) -> str:
         return gone
     group, _, _ = name.rpartition(".")
     known = [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
-    close = difflib.get_close_matches(name, known, n=1)
+    close = [each for each in known if each.endswith(f".{name}")]
+    close = close or difflib.get_close_matches(name, known, n=1)
     hint = f"did you mean {close[0]}? " if close else ""
+    if not close and not group:
+        hint = f"for a setting of the method give method.{name}; "
     return f"{name} is not an option: {hint}choose from {listed(known)}"
 
 

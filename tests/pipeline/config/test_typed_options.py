@@ -136,6 +136,22 @@ def test_an_option_that_does_not_exist_lists_those_that_do(argument: str, listed
     assert message.endswith(f"choose from [{', '.join(listed)}]")
 
 
+@pytest.mark.parametrize(
+    ("argument", "hint"),
+    [
+        ("episodes=2", "did you mean evaluation.episodes? "),
+        ("sise=3", "did you mean size? "),
+        ("epochs=3", "for a setting of the method give method.epochs; "),
+    ],
+)
+def test_an_option_that_does_not_exist_is_answered_with_what_was_meant(
+    argument: str, hint: str
+) -> None:
+    with pytest.raises((HydraException, ConfigError)) as caught:
+        composed(argument)
+    assert f"is not an option: {hint}choose" in refusal(caught.value)
+
+
 @pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "season=x", "buckets=[3]"])
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
     with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):
