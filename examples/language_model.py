@@ -4,7 +4,7 @@
     inspect eval examples/language_model.py --model openai/gpt-5
     inspect eval examples/language_model.py -T picture=true -T splits=test --model openai/gpt-5
 
-Needs: pip install labyrinth-datasets inspect-ai
+Needs, in a clone: pip install . inspect-ai
 """
 
 from datasets import load_dataset

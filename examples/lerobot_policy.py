@@ -2,7 +2,7 @@
 
     labyrinth-datasets size=5 && python examples/lerobot_policy.py outputs/policy
 
-Needs: pip install labyrinth-datasets lerobot
+Needs, in a clone: pip install . lerobot
 """
 
 import sys

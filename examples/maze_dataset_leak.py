@@ -1,6 +1,6 @@
 """Mazes of maze-dataset from two seeds: how many test mazes have the walls of one in train.
 
-Needs: pip install labyrinth-datasets maze-dataset 'muutils<0.9'
+Needs, in a clone: pip install . maze-dataset 'muutils<0.9'
 """
 
 from maze_dataset import MazeDataset, MazeDatasetConfig

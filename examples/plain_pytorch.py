@@ -2,7 +2,7 @@
 
     labyrinth-datasets size=5 && python examples/plain_pytorch.py
 
-Needs: pip install 'labyrinth-datasets[train]'
+Needs, in a clone: pip install '.[train]'
 """
 
 import torch

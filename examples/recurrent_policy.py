@@ -2,7 +2,7 @@
 
     labyrinth-datasets size=5 task=partial_observability && python examples/recurrent_policy.py
 
-Needs: pip install 'labyrinth-datasets[train]'
+Needs, in a clone: pip install '.[train]'
 """
 
 import numpy as np

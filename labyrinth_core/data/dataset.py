@@ -245,6 +245,13 @@ def locate(
     return local_folder(source, config, revision) or _download(str(source), config, files, revision)
 
 
+def derived_from(parents: NDArray[np.int64]) -> Filter:
+    """Return a filter for the labyrinths derived from some of their split's parent, by its ids."""
+    from pyarrow.compute import field
+
+    return field("parent_id").isin([f"{each:016x}" for each in parents.tolist()])
+
+
 def require_unchanged(source: str | Path, config: str, fingerprint: str) -> None:
     """Raise a DatasetError if a folder's dataset no longer has this fingerprint."""
     folder = folder_at(source) / config

@@ -170,6 +170,6 @@ SHIFTS = tuple(name for name in SPLITS if name not in BASE_SPLITS)
 
 
 def is_of_train(split: str) -> bool:
-    """Return whether a split has the labyrinths of train, or one derived from each, in order."""
+    """Return whether a split has the labyrinths of train, or at most one derived from each."""
     kind = SPLITS[split]
     return split == "train" or (kind.parent == "train" and not kind.new_structure)

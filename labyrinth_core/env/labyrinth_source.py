@@ -94,7 +94,7 @@ class LabyrinthSource(NamedTuple):
         wish = wish_text(task, start, goal, width)
         check_apart(start, goal, wish)
         try:
-            return place(labyrinth.structure, start, goal, task, rng)
+            return place(labyrinth.structure, start, goal, task, rng, look=labyrinth.look)
         except LabyrinthError as error:
             raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
 

@@ -17,7 +17,7 @@ from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.outcomes import Bools, cases_of
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
@@ -204,14 +204,9 @@ class KnownDataset:
         """
 
         def load(split: str) -> LabyrinthArrays:
-            return load_arrays(
-                self.source,
-                self.config,
-                split,
-                observation="vector",
-                revision=self.revision,
-                labyrinths=learnt if is_of_train(split) else None,
-            )
+            place = self.source, self.config, split
+            some = of_the_learnt(*place, learnt, self.revision)
+            return load_arrays(*place, observation="vector", revision=self.revision, **some)
 
         if (name, learnt) not in self._splits:
             if learnt not in self._memories:

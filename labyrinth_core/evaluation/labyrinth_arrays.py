@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter, Wanted, find_part
+from labyrinth_core.data.dataset import Filter, Wanted, derived_from, find_part
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
+from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables, tabulate
@@ -153,6 +154,22 @@ def load_arrays(
     if not held:
         raise DatasetError(f"split={split} has no episodes")
     return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
+
+
+def of_the_learnt(
+    source: str | Path, config: str, split: str, learnt: int | None, revision: str | None = None
+) -> dict[str, Any]:
+    """Return the arguments of `load_arrays` for the labyrinths derived from the first of train.
+
+    Other splits than those of `is_of_train` are whole, as all are if `learnt` is None.
+    """
+    if learnt is None or not is_of_train(split):
+        return {}
+    if split in BASE_SPLITS:  # One labyrinth for each of train.
+        return {"labyrinths": learnt}
+    options: dict[str, Any] = {"revision": revision, "labyrinths": learnt}
+    train = load_arrays(source, config, "train", observation="vector", **options)
+    return {"where": derived_from(train.labyrinth_ids)}
 
 
 def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:

@@ -7,7 +7,6 @@ Parsing evaluates nothing and takes time at most proportional to the length of t
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
 
@@ -306,7 +305,7 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
     if complete:
         return Labyrinth(structure, start, goal, task, key, door, ice, look)
     rng = np.random.default_rng(whole("seed", seed, 0))
-    return replace(place(structure, start, goal, task, rng, key=key, door=door), look=look)
+    return place(structure, start, goal, task, rng, key=key, door=door, look=look)
 
 
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:

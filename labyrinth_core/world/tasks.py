@@ -15,6 +15,7 @@ from labyrinth_core.world.labyrinth import (
     UNREACHABLE,
     Labyrinth,
     LabyrinthError,
+    Look,
     Structure,
     Task,
     checked_sides,
@@ -59,6 +60,7 @@ def place(
     *,
     key: int | None = None,
     door: int | None = None,
+    look: Look = Look.PLAIN,
 ) -> Labyrinth:
     """Return a labyrinth with the task's missing tiles placed at random.
 
@@ -70,18 +72,19 @@ def place(
         rng: Chooses among the places that are possible.
         key: Cell of the key; None to choose it.
         door: Cell of the door; None to choose it.
+        look: How pictures show it.
 
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
     if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
-        return Labyrinth(structure, start, goal, task)
+        return Labyrinth(structure, start, goal, task, look=look)
     Labyrinth(structure, start, goal)  # Raises if start, goal or the route between them is invalid.
     if task == Task.KEY_AND_DOOR:
         key, door = _place_key_and_door(structure, start, goal, rng, key, door)
-        return Labyrinth(structure, start, goal, task, key=key, door=door)
+        return Labyrinth(structure, start, goal, task, key=key, door=door, look=look)
     ice = _place_ice(structure, start, goal, rng)
-    return Labyrinth(structure, start, goal, task, ice=ice)
+    return Labyrinth(structure, start, goal, task, ice=ice, look=look)
 
 
 def _place_key_and_door(
@@ -333,7 +336,8 @@ def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
     """
     for goal in _ends(labyrinth.structure, labyrinth.start, labyrinth.goal, rng, nearer=True):
         with suppress(LabyrinthError):
-            return place(labyrinth.structure, labyrinth.start, goal, labyrinth.task, rng)
+            structure, start, task = labyrinth.structure, labyrinth.start, labyrinth.task
+            return place(structure, start, goal, task, rng, look=labyrinth.look)
     raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
 
 
@@ -356,11 +360,12 @@ def _moved(
     The start differs from the start of `former`. If the goal stays the same and no start is far
     enough from it, the farthest ones are allowed.
     """
-    former_start, former_goal = (former.start, former.goal) if former is not None else (None, None)
+    ends = (None, None, Look.PLAIN) if former is None else (former.start, former.goal, former.look)
+    former_start, former_goal, look = ends
     for goal in goals:
         for start in _ends(structure, goal, former_start, rng, nearer=goal == former_goal):
             with suppress(LabyrinthError):
-                return place(structure, start, goal, task, rng)
+                return place(structure, start, goal, task, rng, look=look)
     other = "" if former is None else "other "
     raise LabyrinthError(f"no {other}start or goal can hold {task}")
 

@@ -253,7 +253,8 @@ def resolve(options: RunConfig) -> Run:
         check_policy(options, options.evaluation)
     elif stages & {"train", "evaluate", "results"} or options.publish.model:
         check_training(options)
-        check_unnamed(options.evaluation)
+        if "evaluate" in stages:
+            check_unnamed(options.evaluation)
     if "publish" in stages:
         check_publish(options.publish, options.export, options)
     if "export" in stages:

@@ -31,7 +31,7 @@ class SeasonOptions:
         "policy to judge: user/model@revision on the Hub, the folder of a run or of a policy, or "
         "an ONNX graph; after a folder or a file, @ and the SHA-256 of its weights pin them",
         like=(
-            r"((?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
+            r"((?!.*\.zip$)[^@\x00-\x1f]+(@[\w./-]+)?)?",
             "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx",
         ),
     )

@@ -104,7 +104,7 @@ class TrainingOptions:
         "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
         "Hub such as user/planner-5x5@1.0.0",
         like=(
-            r"([\w.]+:[\w.]+|(?!.*\.zip$)[\w./~-]+(@[\w./-]+)?)?",
+            r"([\w.]+:[\w.]+|(?!.*\.zip$)[^@:\x00-\x1f]+(@[\w./-]+)?)?",
             "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
             "@ and a revision if it is not main",
         ),

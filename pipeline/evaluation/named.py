@@ -65,7 +65,7 @@ def judge_named(run: Run) -> Judged:
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
     manifest = manifest_of(run)  # Its error says how to make a dataset that is missing.
     config = manifest.config
-    key = {"policy": options.policy, "name": name, "fingerprint": manifest.fingerprint}
+    key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": manifest.fingerprint}
     require_free(path, key, run)
     policy = named_policy(options.policy)
     # "image" is the option's default, so it does not say what the policy observes.

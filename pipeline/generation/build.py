@@ -397,4 +397,4 @@ def _report_cut(manifest: Manifest) -> None:
     named = ", ".join(f"{count} of {split}" for split, count in cut.items() if count)
     if named:
         limit = manifest.config.solutions_limit
-        console.print(f"solutions_limit={limit} left out routes of labyrinths: {named}.")
+        console.print(f"solutions_limit={limit} was reached, so routes may be missing: {named}.")

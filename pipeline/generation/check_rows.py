@@ -175,12 +175,15 @@ def _of_parent(
     A labyrinth is missing if the name of the next picture has a higher number.
     """
     pattern = re.compile(rf"{job.shard.split}-(\d{{6,9}})-", re.ASCII)
-    found = next(labyrinths, None)
+    found, before = next(labyrinths, None), ""
     for number, structure in enumerate(_structures_of(job.folder, parent), start=job.first):
         try:
             right = _remade(job, number, structure)
         except LabyrinthError:
             continue  # The parent has no such variant.
+        if right.info == before:  # As in `numbered_labyrinths`.
+            continue
+        before = right.info
         named = pattern.match(found.picture) if found else None
         if found is None or (named and int(named[1]) > number):
             row = found.first if found else job.shard.rows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import fields, replace
 from functools import partial
 from itertools import pairwise
@@ -12,7 +12,7 @@ import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import Episode, random_episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.solver import (
@@ -81,6 +81,28 @@ def labyrinth_and_parent(
     if kind.new_goal:
         return change_goal(parent, item_rng(config, split, structure)), parent
     return (replace(parent, look=kind.look) if kind.is_redrawn else parent), parent
+
+
+def numbered_labyrinths(
+    config: DatasetConfig, split: str, structures: Iterable[tuple[int, Structure]]
+) -> Iterator[tuple[int, Labyrinth, Labyrinth | None]]:
+    """Yield the labyrinths of numbered structures, each with its number and its parent.
+
+    In a shift, structures without such a labyrinth are left out, and so are labyrinths equal to the
+    one before, as two labyrinths of train may have the same twin: their rows would be taken for one
+    labyrinth's.
+    """
+    before = None
+    for number, structure in structures:
+        try:
+            labyrinth, parent = labyrinth_and_parent(config, split, structure)
+        except LabyrinthError:
+            if split not in SHIFTS:
+                raise
+            continue
+        if labyrinth != before:
+            yield number, labyrinth, parent
+        before = labyrinth
 
 
 def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:

@@ -24,15 +24,14 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.manifest import MANIFEST, Shard
-from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import labyrinth_and_parent, solve
+from pipeline.generation.labyrinths import numbered_labyrinths, solve
 from pipeline.generation.table import (
     FACTS,
     Content,
@@ -209,16 +208,8 @@ def _mark(job: ShardJob, facts: Facts) -> str:
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:
     """Yield the labyrinths of a shard in batches, each with its number and its parent."""
-
-    def each() -> Iterator[tuple[int, Labyrinth, Labyrinth | None]]:
-        for number, structure in enumerate(unpack(job.config, job.structures), start=job.first):
-            try:
-                yield number, *labyrinth_and_parent(job.config, job.split, structure)
-            except LabyrinthError:  # Its parent has no such variant.
-                if job.split not in SHIFTS:
-                    raise
-
-    labyrinths = each()
+    structures = enumerate(unpack(job.config, job.structures), start=job.first)
+    labyrinths = numbered_labyrinths(job.config, job.split, structures)
     together = max(1, CELLS_PER_BATCH // (job.config.height * job.config.width))
     while batch := list(islice(labyrinths, together)):
         yield batch

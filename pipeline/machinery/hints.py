@@ -17,7 +17,10 @@ LEARN = "stages=[train,evaluate] method=bc", "train a policy on it"
 COMPARE = "stages=results", "compare it with others"
 """The options of each possible next step, and its purpose."""
 
-_OF_ONE_RUN = ("stages", "overwrite", "grow", "part", "policy", "leakage", "publish", "export")
+_OF_ONE_RUN = (
+    *("stages", "overwrite", "grow", "part", "policy", "evaluation"),
+    *("leakage", "publish", "export"),
+)
 """Options, and groups of options, that the next command line does not repeat."""
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from pathlib import Path
 from statistics import mean
@@ -11,6 +13,7 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
@@ -68,16 +71,25 @@ def read_results(
         known = of.get(results.config)
         return known is not None and known.fingerprint == results.fingerprint
 
-    methods: dict[tuple[str, str, Path | None], list[Results]] = {}
+    methods: dict[tuple[str, str, str, Path | None], list[Results]] = {}
     paths = results_in(run_dir)
     for path in paths:
         results = Results.load(path, of.get)
-        if is_shown(results):
-            run = results.run
-            key = (_name(results), path) if run is None else (run.of_all_seeds, None)
+        run = results.run
+        if run is not None and (results.config, run.name) != path.parts[-3:-1]:
+            say(f"left out: {path} belongs to the run {results.config}/{run.name}, not to this one")
+        elif is_shown(results):
+            settings = "" if run is None else json.dumps(run.settings, sort_keys=True)
+            name, own = (_name(results), path) if run is None else (run.of_all_seeds, None)
+            key = name, settings, own
             methods.setdefault((results.config, *key), []).append(results)
-    by_runs_first = sorted(methods.items(), key=lambda item: item[0][2] is not None)
-    found = [_method(name, sorted(runs, key=_seed)) for (_, name, _), runs in by_runs_first]
+    by_runs_first = sorted(methods.items(), key=lambda item: item[0][3] is not None)
+    groups = Counter((config, name) for config, name, *_ in methods)
+    found = []
+    for (config, name, *_), runs in by_runs_first:
+        # Seeds with other settings are another method, and are named as runs.
+        title = name if groups[config, name] == 1 else _name(runs[0])
+        found.append(_method(title, sorted(runs, key=_seed)))
     for results in _submitted(results_dir, {path.read_bytes() for path in paths}, of.get):
         if is_shown(results) and results.method is not None:
             about = {"submitted": True, "author": results.method.author}
@@ -111,7 +123,8 @@ def _seed(results: Results) -> int:
 def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     """Return the page's data on a method: means over its runs, and each run."""
     first = runs[0]
-    shown = [split for split in EVALUATED_SPLITS if split in first.splits]
+    splits_of_all = set.intersection(*(set(run.splits) for run in runs))
+    shown = [split for split in (*EVALUATED_SPLITS, *SHIFTS) if split in splits_of_all]
     told = [
         {"name": _name(run), "splits": {split: _run(run.splits[split]) for split in shown}}
         for run in runs

@@ -1,6 +1,6 @@
 """The stage `train`: train a policy on a dataset.
 
-The folder of a run is `<run_dir>/<config>/<method>-<encoder>-seed<seed>`. It appears when the run
+The folder of a run is `<run_dir>/<config>/<RunName.name>`. It appears when the run
 is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint is
 in a hidden folder next to it, and an earlier run keeps its place.
 """
@@ -20,10 +20,9 @@ import torch
 
 from labyrinth_core.data.dataset import require_unchanged
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player, Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
@@ -154,15 +153,14 @@ def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., Labyrinth
     options = run.options
 
     def load(split: str, observation: str = options.observation) -> LabyrinthArrays:
+        place, learnt = (run.source, run.dataset.name, split), options.train_labyrinths
         return load_arrays(
-            run.source,
-            run.dataset.name,
-            split,
+            *place,
             observation=observation,
             image_size=image_size,
             resize=PROTOCOLS[options.protocol].resize,
             revision=options.revision,
-            labyrinths=options.train_labyrinths if is_of_train(split) else None,
+            **of_the_learnt(*place, learnt, options.revision),
         )
 
     return load

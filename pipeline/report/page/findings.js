@@ -179,14 +179,14 @@ function resultsOf(config) {
     ...splits.map((split) => ratesOf(method.splits[split])),
   ];
   const rows = (submitted) => methods.filter((each) => each.submitted === submitted).map(row);
-  const others = Object.keys(baselines[splits[0]]).map((name) => [
+  const others = Object.keys(baselines[splits[0]] ?? {}).map((name) => [
     [name.replaceAll("_", " "), "muted"], "",
-    ...splits.map((split) => ratesOf(baselines[split][name])),
+    ...splits.map((split) => ratesOf(baselines[split]?.[name])),
   ]);
   const results = figure(
     `SPL, ${config}`,
-    `${DATA.whySpl} Bars: mean SPL over the seeds of a method, from one greedy episode per ` +
-    "labyrinth. Lines: 95% interval over seeds and labyrinths. The table has SPL and, below it, " +
+    `${DATA.whySpl} Bars: mean SPL over the seeds of a method. ` +
+    "Lines: 95% interval over seeds and labyrinths. The table has SPL and, below it, " +
     "the success rate and the average return ± its standard deviation; baselines without " +
     "learning are grey, and submitted results come last.",
     panels,

@@ -24,6 +24,7 @@ from labyrinth_core.policies.networks.symmetry import (
     transformed_actions,
 )
 from labyrinth_core.policies.spec import NetworkSpec
+from pipeline.config.errors import check
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 from pipeline.training.methods.relabelling import require_shortest
 
@@ -50,6 +51,11 @@ class Method(Learner):
 
     def __init__(self, problem: Problem, settings: Any) -> None:
         super().__init__(problem, settings)
+        for name in ("augment", "average"):
+            check(
+                problem.spec.encoder != "mlp" or not getattr(settings, name),
+                f"method.{name} transforms pictures: leave it out with encoder=mlp",
+            )
         if settings.relabel:
             require_shortest(problem.arrays)
 

@@ -30,7 +30,7 @@ from labyrinth_core.world.dynamics import (
     state_index,
     transition,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
 from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
 from labyrinth_core.world.tasks import tiles_matter
 
@@ -188,6 +188,14 @@ def test_options_change_task_start_and_goal_of_one_episode():
     assert tiles_matter(labyrinth)
     plain = parse(env.reset()[1]["labyrinth"])
     assert (plain.task, plain.start, plain.goal) == (Task.NAVIGATION, 0, 24)
+
+
+def test_an_option_of_a_reset_keeps_the_look_of_the_labyrinth():
+    labyrinth = Labyrinth(Structure.without_walls(3, 3), 0, 8, look=Look.RECOLOURED)
+    env = LabyrinthEnv(labyrinth=labyrinth)
+    for options in ({}, {"start": (0, 1)}, {"goal": (1, 0)}, {"task": "partial_observability"}):
+        env.reset(options=options)
+        assert env.labyrinth.look is Look.RECOLOURED, options
 
 
 @pytest.mark.parametrize("task", TEXTS)

@@ -182,7 +182,10 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"policy": "a b"}, "policy=a b: give module:name, the folder of a run or of a published"),
+        (
+            {"policy": "a:b c"},
+            "policy=a:b c: give module:name, the folder of a run or of a",
+        ),
         ({"policy": "ppo.zip"}, "policy=ppo.zip: give module:name, the folder of a run or of a p"),
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),

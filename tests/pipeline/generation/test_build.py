@@ -318,7 +318,10 @@ def test_a_limit_of_solutions_is_kept_and_reported(
         assert shard.cut == cut
         reported += [f"{cut} of {shard.split}"] if cut else []
     assert reported
-    assert f"solutions_limit=2 left out routes of labyrinths: {', '.join(reported)}." in printed
+    assert (
+        f"solutions_limit=2 was reached, so routes may be missing: {', '.join(reported)}."
+        in printed
+    )
 
 
 # Going on after an end that came too soon.

@@ -13,6 +13,7 @@ import pytest
 from reporting import METHOD, analyse, evaluate, evaluate_own
 from tampering import content_of
 
+from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
@@ -130,6 +131,33 @@ def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir,
         path = runs / "3x3" / name / "results.json"
         path.write_text(path.read_text().replace(manifest.fingerprint, "1" * 64))
     assert read_results(runs, data_dir, [manifest]) == []
+
+
+def test_seeds_of_other_settings_are_shown_apart_and_a_copied_run_is_left_out(
+    data_dir, tmp_path, capsys
+):
+    folder, runs = data_dir / "3x3", tmp_path / "runs"
+    for seed in (0, 1):
+        evaluate(folder, runs, seed)
+    of_seed = [runs / "3x3" / f"{METHOD}-seed{seed}" for seed in (0, 1)]
+    path = of_seed[1] / "results.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    content["run"]["settings"]["epochs"] = 99
+    path.write_text(json.dumps(content), encoding="utf-8")
+    shutil.copytree(of_seed[0], runs / "3x3" / "copy")
+    shown = read_results(runs, data_dir, [Manifest.read(folder)])
+    assert [each["name"] for each in shown] == [each.name for each in of_seed]
+    assert [len(each["runs"]) for each in shown] == [1, 1]
+    assert "copy/results.json belongs to the run 3x3/" in capsys.readouterr().out
+
+
+def test_results_on_shifts_are_shown_also_where_there_are_no_others(build, tmp_path):
+    run = build(tmp_path / "labyrinth", shifts=("g",))
+    results = evaluate_policy(lambda seen: [1] * len(seen), run.data_dir, "3x3", splits=["g"])
+    results.save(tmp_path / "results/submissions/x.json", name="right")
+    manifests = [Manifest.read(run.folder)]
+    (shown,) = read_results(tmp_path, run.data_dir, manifests, tmp_path / "results")
+    assert shown["splits"].keys() == shown["baselines"].keys() == {"g"}
 
 
 def test_a_policy_that_no_run_made_is_shown_after_them_with_the_splits_that_it_has(

@@ -52,6 +52,14 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
     assert (reversed_parts > 0) == (task != "key_and_door")
 
 
+@pytest.mark.parametrize("name", ["augment", "average"])
+def test_vectors_are_not_transformed_as_pictures(
+    problem_of: Callable[..., Problem], name: str
+) -> None:
+    with pytest.raises(ConfigError, match=f"method.{name} transforms pictures: leave it out with"):
+        bc.Method(problem_of(encoder="mlp"), settings_of("bc", **{name: True}))
+
+
 @pytest.mark.parametrize("method", [bc, planner])
 def test_routes_that_are_not_shortest_are_not_relabelled(
     problem_of: Callable[..., Problem], method: ModuleType
