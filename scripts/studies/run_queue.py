@@ -46,8 +46,8 @@ DATASETS = (
 """What the runs learn from, and are evaluated on."""
 
 RESNET = {
-    "3x3": {"bc": 0.1, "dagger": 0.1, "iupe": 0.2, "bco": 0.2, "gail": 0.5, "sqil": 0.6},
-    "5x5": {"bc": 0.3, "dagger": 0.4, "iupe": 0.5, "bco": 0.6, "sqil": 0.9, "gail": 4.5},
+    "3x3": {"bc": 0.1, "dagger": 0.1, "iupe": 0.2, "bco": 0.2, "gail": 0.4, "sqil": 0.6},
+    "5x5": {"bc": 0.2, "dagger": 0.3, "iupe": 0.5, "bco": 0.6, "sqil": 0.9, "gail": 4.5},
 }
 """Hours of each method with ResNet-18 in bfloat16, estimated from some epochs; the least first."""
 

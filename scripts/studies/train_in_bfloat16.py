@@ -2,7 +2,7 @@
 
     python scripts/studies/train_in_bfloat16.py size=3 stages=train method=bco encoder=resnet18
 
-A gradient step then takes 0.4 times as long on a CPU with AMX (docs/studies/results.md). Weights,
+Training then takes 0.4 times as long on a CPU with AMX (docs/studies/results.md). Weights,
 gradients and the classifier stay float32: Q-values and PPO's ratios need its digits. Files do not
 record the precision, so `run_queue.py` keeps the results in a folder of their own.
 """
