@@ -213,7 +213,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     plan = _plan(remote, files, head)
     if plan.others and not remote.is_new(head):
         raise PublishError(
-            f"{remote.repo_id} holds files that no release wrote, or that were changed since "
+            f"{remote.repo_id} holds files that no release of this kind wrote, or changed since "
             f"({', '.join(plan.others[:3])}): rename or delete them there, or choose another id"
         )
     # The folders of the other kinds hold only files to publish.

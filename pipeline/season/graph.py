@@ -91,6 +91,7 @@ class GraphPolicy:
             self._refuse(f"its output is {answered} of shape {scores}: give float of [batch, 4]")
         self.observation = "image" if pictures else "vector"
         self.image_size: int | None = shape[1] if pictures else None
+        self._length = shape[1] if vectors and type(shape[1]) is int else None
         self._dtype = np.dtype(TYPES[seen])
 
     def __call__(self, observations: NDArray[Any]) -> NDArray[np.float32]:
@@ -100,6 +101,9 @@ class GraphPolicy:
             PolicyError: The graph returns anything else, or takes too much time or memory.
         """
         count = len(observations)
+        if self._length not in (None, observations.shape[1]):
+            length = observations.shape[1]
+            self._refuse(f"its vectors have {self._length} numbers, those of this season {length}")
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
         answer = self._ask(content, 4 * ACTIONS * count)
         return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)

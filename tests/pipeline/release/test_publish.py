@@ -274,7 +274,7 @@ def test_files_of_a_person_on_the_hub_stop_the_release_that_would_replace_them(
         hub.commit(REPO, "README.md", b"mine")
         before = hub.history(REPO)
         error = error_of(publish(hub, releasable, version))
-        told = f"{REPO} holds files that no release wrote, or that were changed since (README.md"
+        told = f"{REPO} holds files that no release of this kind wrote, or changed since (README.md"
         assert error.startswith(told)
         assert hub.history(REPO) == before
 

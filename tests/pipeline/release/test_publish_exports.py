@@ -110,7 +110,7 @@ def test_exports_and_the_environment_are_released_whole_once_and_followed_by_ler
     foreign = publish(
         local_hub, releasable, "1.1.0", *train[1:], f"publish.export={GROUP}", repo=""
     )
-    told = f"{GROUP} holds files that no release wrote, or that were changed since (README.md, "
+    told = f"{GROUP} holds files that no release of this kind wrote, or changed since (README.md, "
     assert error_of(foreign).startswith(told)
 
 

@@ -46,6 +46,8 @@ def test_a_graph_may_look_at_vectors():
     weights = np.eye(7, 4, dtype=np.float32)
     with computed(linear(weights, "int32", ("batch", 7)), "vectors") as policy:
         assert (policy.observation, policy.image_size) == ("vector", None)
+        with pytest.raises(PolicyError, match="have 7 numbers, those of this season 9"):
+            policy(np.zeros((2, 9), np.int32))
         assert policy(np.arange(14).reshape(2, 7)).tolist() == [[0, 1, 2, 3], [7, 8, 9, 10]]
 
 
