@@ -44,6 +44,7 @@ ADVICE = (
     "give it a second argument rng to draw from, or reset(count) and act(observations) if it "
     "remembers"
 )
+"""What the author of a policy can do if two calls of it give other answers."""
 
 PURPOSE = 3
 """The random key of fresh labyrinths, which no part of a dataset uses."""
@@ -168,7 +169,7 @@ def compare(
     Raises:
         ValueError: An argument has a value that is not allowed.
         PolicyError: An argument is not a policy, or a policy raises an error, answers with anything
-            but actions, or cannot be shown these labyrinths.
+            but actions or the same observations differently, or cannot be shown these labyrinths.
         DatasetError: The dataset does not exist.
         LabyrinthError: Too few structures can hold the dataset's task; see `sample_test`.
     """

@@ -161,7 +161,8 @@ def of_the_learnt(
 ) -> dict[str, Any]:
     """Return the arguments of `load_arrays` for the labyrinths derived from the first of train.
 
-    Other splits than those of `is_of_train` are whole, as all are if `learnt` is None.
+    `learnt` is the number of these, None for all. Splits that are not derived from train
+    (`is_of_train`) are whole in any case. Raises the errors of `load_arrays`.
     """
     if learnt is None or not is_of_train(split):
         return {}

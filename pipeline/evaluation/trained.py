@@ -47,15 +47,15 @@ def judge_trained(run: Run) -> Judged:
     _, asked = find(options.method_name, about["settings"] | options.method, about["protocol"])
     advice = ": leave the option out, or train with it first"
     require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
+    spec = spec_of(run)
+    make = partial(method.make, settings=settings)
+    policy = read_policy(folder / POLICY, spec, device, make)
     weights = file_sha256(folder / POLICY)
     if weights != record["files"].get(POLICY):
         raise DatasetError(
             f"{folder / POLICY} is damaged: its sha256 is not the one in {RECORD}; stages=train "
             "makes it again"
         )
-    spec = spec_of(run)
-    make = partial(method.make, settings=settings)
-    policy = read_policy(folder / POLICY, spec, device, make)
     judged_on = elsewhere(run) if options.evaluate_on else run
     manifest = manifest_of(judged_on)
     config, fingerprint = manifest.config, manifest.fingerprint

@@ -28,7 +28,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     apart = len({config.buckets for config in configs}) > 1
     walls = min(config.min_walls for config in configs)
     looks = [shift for shift in SHIFTS if SPLITS[shift].is_redrawn]
-    looks = [shift for shift in looks if any(shift in config.shifts for config in configs)]
+    looks = [f"`{shift}`" for shift in looks if any(shift in config.shifts for config in configs)]
     cut = sum(shard.cut for dataset in datasets for shard in dataset.manifest.shards)
     points = [
         paragraph("wilson") if "wilson" in samplers else "",
@@ -43,8 +43,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
             if name in demonstrated
         ),
         paragraph("cut", cut=f"{cut:,}") if cut else "",
-        paragraph("looks", looks=" and ".join(f"`{shift}`" for shift in looks)) if looks else "",
-        *map(paragraph, () if looks else ("one_renderer",)),
+        paragraph("looks", looks=" and ".join(looks)) if looks else paragraph("one_renderer"),
         paragraph("deterministic_noise" if "noise" in demonstrated else "deterministic"),
         paragraph("random_is_cut"),
         paragraph("same_size_apart" if apart else "same_size") if same_size else "",

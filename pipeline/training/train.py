@@ -1,8 +1,8 @@
 """The stage `train`: train a policy on a dataset.
 
-The folder of a run is `<run_dir>/<config>/<RunName.name>`. It appears when the run
-is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint is
-in a hidden folder next to it, and an earlier run keeps its place.
+The folder of a run is `<run_dir>/<config>/<name>`, with the name of `RunName`. It appears when the
+run is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint
+is in a hidden folder next to it, and an earlier run keeps its place.
 """
 
 from __future__ import annotations
@@ -122,7 +122,10 @@ def choose_device(options: TrainingOptions) -> torch.device:
 
 
 def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
-    """Return everything that determines the weights of a run, in plain types."""
+    """Return everything that determines the weights of a run, in plain types.
+
+    Of a user's method it has the hash of its module, but not of what that imports.
+    """
     options = run.options
     module, of_user, _ = options.method_name.partition(":")
     own = getattr(import_module(module), "__file__", None) if of_user else None

@@ -110,6 +110,9 @@ def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_p
         stage.run(run)
     with pytest.raises(DatasetError, match=damaged):
         load_policy(run.training_folder)
+    path.unlink()
+    with pytest.raises(DatasetError, match="does not exist: stages=train makes it"):
+        stage.run(run)
 
 
 def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
