@@ -22,6 +22,12 @@ function layout({ height, width }, size) {
     thick, line, scale: size / side, pitch: (side - thick) / most,
     left: (cell) => line(cell % width),
     top: (cell) => line(height - 1 - Math.floor(cell / width)),
+    /** The rectangle between the walls of a cell: left, top, width and height. */
+    inner(cell) {
+      const [row, column] = [height - 1 - Math.floor(cell / width), cell % width];
+      const [left, top] = [line(column) + thick, line(row) + thick];
+      return [left, top, line(column + 1) - left, line(row + 1) - top];
+    },
     middle(cell) {
       const row = height - 1 - Math.floor(cell / width);
       const column = cell % width;
@@ -61,12 +67,10 @@ function paint(canvas, labyrinth, size, view = {}) {
 }
 
 function square(pencil, grid, cell, colour, twelfths = 0) {
-  const left = grid.left(cell) + grid.thick;
-  const top = grid.top(cell) + grid.thick;
-  const side = Math.ceil(grid.pitch) - grid.thick;
-  const inset = Math.floor((side * twelfths) / 12);
+  const [left, top, wide, tall] = grid.inner(cell);
+  const [across, down] = [wide, tall].map((side) => Math.floor((side * twelfths) / 12));
   pencil.fillStyle = colour;
-  pencil.fillRect(left + inset, top + inset, side - 2 * inset, side - 2 * inset);
+  pencil.fillRect(left + across, top + down, wide - 2 * across, tall - 2 * down);
 }
 
 function paintTiles(pencil, labyrinth, grid, colours, state) {
@@ -102,9 +106,16 @@ function paintWalls(pencil, { height, width, up, right }, grid, colours) {
   }
 }
 
-function veil(pencil, labyrinth, grid, colours, seen) {
-  for (let cell = 0; cell < labyrinth.up.length; cell++) {
-    if (!seen.has(cell)) square(pencil, grid, cell, rgb(colours.wall, 0.82));
+/** Darken what the agent does not see: cells but start and goal, and passages between two cells. */
+function veil(pencil, { width, start, goal, up, right }, grid, colours, seen) {
+  const { thick } = grid;
+  pencil.fillStyle = rgb(colours.wall, 0.82);
+  for (let cell = 0; cell < up.length; cell++) {
+    if (seen.has(cell)) continue;
+    const [x, y, wide, tall] = grid.inner(cell);
+    if (cell !== start && cell !== goal) pencil.fillRect(x, y, wide, tall);
+    if (up[cell] && !seen.has(cell + width)) pencil.fillRect(x, y - thick, wide, thick);
+    if (right[cell] && !seen.has(cell + 1)) pencil.fillRect(x + wide, y, thick, tall);
   }
 }
 

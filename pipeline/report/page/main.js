@@ -70,5 +70,5 @@ function setUp() {
 }
 
 // For the tests and the browser's console.
-window.labyrinths = { BLOCKS, dump, distances, optimalActions };
+window.labyrinths = { BLOCKS, dump, distances, optimalActions, paint, visibleFrom };
 setUp();

@@ -97,7 +97,7 @@ function replay(labyrinth, actions) {
 
 /** Return the cells that the agent sees from a cell: straight rays and exact diagonals. */
 function visibleFrom(labyrinth, cell) {
-  const seen = new Set([cell, labyrinth.start, labyrinth.goal]);
+  const seen = new Set([cell]);
   for (const ray of [[0], [1], [2], [3], [1, 0], [1, 2], [3, 0], [3, 2]]) {
     let at = cell;
     for (;;) {

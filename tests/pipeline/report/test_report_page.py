@@ -17,7 +17,8 @@ from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
+from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.solver import distances, optimal_actions
 from labyrinth_core.world.tasks import sample_labyrinth
@@ -96,6 +97,17 @@ SOLVE = """(labyrinths) => labyrinths.map((labyrinth) => {
 })"""
 
 
+DARK = """([labyrinth, state, size]) => {
+  const { paint, visibleFrom } = window.labyrinths;
+  const canvas = document.createElement("canvas");
+  paint(canvas, labyrinth, size, { state, seen: visibleFrom(labyrinth, state) });
+  const { data } = canvas.getContext("2d").getImageData(0, 0, size, size);
+  return Array.from({ length: size * size }, (_, pixel) =>
+    +(Math.max(...data.slice(4 * pixel, 4 * pixel + 3)) < 50));
+}"""
+"""Which pixels the page makes dark: walls, and what the agent does not see."""
+
+
 def of_the_page(labyrinth: Labyrinth) -> dict[str, Any]:
     """Return a labyrinth in the form that the page's program gives it."""
     structure = labyrinth.structure
@@ -137,6 +149,17 @@ def test_the_page_writes_and_solves_a_labyrinth_as_python_does(open_report):
             "distances": distances(labyrinth),
             "optimal": [np.flatnonzero(row).tolist() for row in optimal_actions(labyrinth)],
         }
+
+
+def test_the_page_hides_from_the_agent_what_its_pictures_hide(open_report):
+    page, rng = open_report(color_scheme="light"), np.random.default_rng(8)
+    for size in (3, 5, 8):
+        labyrinth = sample_labyrinth(size, size, Task.PARTIAL_OBSERVABILITY, rng)
+        for agent in rng.choice(size * size, 3, replace=False).tolist():
+            given = [of_the_page(labyrinth), agent, PICTURE_SIZE]
+            dark = np.reshape(page.evaluate(DARK, given), (PICTURE_SIZE, PICTURE_SIZE))
+            picture = render(labyrinth, State(agent))
+            assert np.array_equal(dark, (picture == 0).all(axis=2))
 
 
 def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report, reported):
