@@ -52,28 +52,6 @@ def test_no_process_waits_for_a_killed_one(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_who_does_not_wait_is_told(tmp_path):
-    with (
-        locked(tmp_path / "lock"),
-        pytest.raises(TimeoutError),
-        locked(tmp_path / "lock", wait=False),
-    ):
-        pass
-
-
-def test_who_waits_says_so_first(tmp_path):
-    class StopError(Exception):
-        pass
-
-    def stop():
-        raise StopError
-
-    with locked(tmp_path / "lock"):
-        with pytest.raises(StopError), locked(tmp_path / "lock", stop):
-            pass
-        assert (tmp_path / "lock").exists()
-
-
 def test_a_file_system_without_locks_is_an_os_error(tmp_path, monkeypatch):
     def refuse(*_):
         raise OSError(errno.ENOSYS, "Function not implemented")

@@ -147,16 +147,6 @@ def test_a_seed_gives_the_labyrinth_that_it_always_gave():
     assert ids == ["25d4232c5532085b", "22b41a3017447bf1", "4ec0d477c44bad83", "3507aa383feb3684"]
 
 
-def test_the_global_generators_are_neither_read_nor_seeded():
-    np.random.seed(3)  # noqa: NPY002
-    first = LabyrinthEnv().reset(seed=5)[1]["labyrinth"]
-    after = np.random.random()  # noqa: NPY002
-    np.random.seed(3)  # noqa: NPY002
-    assert np.random.random() == after  # noqa: NPY002
-    np.random.seed(4)  # noqa: NPY002
-    assert LabyrinthEnv().reset(seed=5)[1]["labyrinth"] == first
-
-
 def test_every_reset_draws_afresh_unless_a_labyrinth_is_kept():
     assert len(set(texts(LabyrinthEnv(), 20))) == 20
     assert len(set(texts(LabyrinthEnv(labyrinth=OPEN), 5))) == 1
@@ -262,19 +252,6 @@ def test_an_impossible_option_is_refused_with_what_is_allowed(options, message):
 def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
     with pytest.raises(ValueError, match=message):
         LabyrinthEnv(**arguments)
-
-
-@pytest.mark.parametrize("size", [(2, 3), 5])
-def test_an_episode_that_never_ends_is_truncated_after_forty_steps_a_cell(size):
-    env = gymnasium.make(NAME, size=size, observation="state")
-    env.reset(seed=0)
-    cells = env.unwrapped.labyrinth.structure.cells
-    steps = [env.step(DOWN) for _ in range(40 * cells)]  # A wall, the start being at the bottom.
-    assert [truncated for _, _, _, truncated, _ in steps] == [False] * (40 * cells - 1) + [True]
-    assert not any(terminated for _, _, terminated, _, _ in steps)
-    assert sum(paid for _, paid, *_ in steps) == pytest.approx(-4.0, abs=1e-9)
-    env.reset()
-    assert not env.step(DOWN)[3]
 
 
 def test_an_episode_can_be_cut_sooner_and_never_later():
