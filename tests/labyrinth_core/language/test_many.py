@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.language.parse_many import parse_many
+from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.world.labyrinth import Look, Structure
 from labyrinth_core.world.tasks import sample_labyrinth
