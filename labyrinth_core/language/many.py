@@ -12,8 +12,6 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.batch import Labyrinths, Structures
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
-Places = NDArray[np.int64]
-
 
 def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     """Return the labyrinths of one or more texts, the same as `text.parse` returns.
@@ -30,11 +28,13 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     if len(some) < len(parsed) or len(kinds) > 1:
         return None
     height, width = some[0].structure.height, some[0].structure.width
-    pattern, cells, above, beside = _layout(height, width)
+    pattern = dump(Labyrinth(Structure.without_walls(height, width), 0, height * width - 1))
+    pattern = pattern.partition("\n\n")[2]
     joined = "".join(drawings)
     if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():
         return None
     shown = np.frombuffer(joined.encode(), np.uint8).reshape(len(texts), -1)
+    cells, above, beside = _places(pattern, height, width)
     fixed = np.ones(len(pattern), np.bool_)
     for free in (cells, above, beside):
         fixed[free] = False
@@ -77,25 +77,21 @@ def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list
     """Return `text.dump` of each structure with this start, goal and task, which has no tiles."""
     height, width = structures.height, structures.width
     text = dump(Labyrinth(Structure.without_walls(height, width), start, goal, task))
-    head, length = text.index("\n\n") + 2, len(text)
-    _, _, above, beside = _layout(height, width)
+    _, above, beside = _places(text, height, width)
     up, right = (each.reshape(-1, height, width) for each in (structures.up, structures.right))
     texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
-    texts[:, head + above] = np.where(up[:, :-1], ord(" "), ord("-"))
-    texts[:, head + beside] = np.where(right[:, :, :-1], ord(" "), ord("|"))
-    joined = texts.tobytes().decode()
+    texts[:, above] = np.where(up[:, :-1], ord(" "), ord("-"))
+    texts[:, beside] = np.where(right[:, :, :-1], ord(" "), ord("|"))
+    joined, length = texts.tobytes().decode(), len(text)
     return [joined[begin : begin + length] for begin in range(0, len(joined), length)]
 
 
-def _layout(height: int, width: int) -> tuple[str, Places, Places, Places]:
-    """Return the text of a labyrinth without walls after its settings, and the indices in it.
+def _places(text: str, height: int, width: int) -> list[NDArray[np.int64]]:
+    """Return the indices in a canonical text of its cells and passages, the lowest row first.
 
-    Returns:
-        The text; the indices of the cells, shape (height, width), lowest row first; of the passages
-        above them, shape (height - 1, width); and of those on their right, (height, width - 1).
+    Cells have the shape (height, width), passages above them (height - 1, width), and passages on
+    their right (height, width - 1).
     """
-    text = dump(Labyrinth(Structure.without_walls(height, width), 0, height * width - 1))
-    text = text.partition("\n\n")[2]
-    places = np.arange(len(text))[text.index("-") : text.index("end")]
+    places = np.arange(len(text))[text.index("-----") : text.index("end")]
     places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
-    return text, places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]
+    return [places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]]
