@@ -202,11 +202,6 @@ def test_a_folder_that_cannot_be_written_is_warned_of_and_done_without(
 # A bound.
 
 
-def size_of(image_size, data_dir):
-    rows = sum(shard.rows for shard in Manifest.read(data_dir / "3x3").of("train"))
-    return 3 * image_size**2 * rows
-
-
 def test_what_was_not_used_for_longest_makes_room(data_dir, cache, monkeypatch):
     for age, image_size in ((3, 8), (1, 9), (2, 10)):
         load_transitions(data_dir, "3x3", image_size=image_size, cache_dir=cache)
@@ -216,7 +211,8 @@ def test_what_was_not_used_for_longest_makes_room(data_dir, cache, monkeypatch):
     files = [path for path in cache.rglob("*") if path.is_file()]
     oldest = next(cache.glob("3x3-train-10-*"))
     kept = sum(path.stat().st_size for path in files if path.parent != oldest)
-    limit = kept + size_of(11, data_dir)
+    rows = sum(shard.rows for shard in Manifest.read(data_dir / "3x3").of("train"))
+    limit = kept + 3 * 11**2 * rows
     monkeypatch.setenv(LIMIT_VARIABLE, str(limit / 1e9))
     load_transitions(data_dir, "3x3", image_size=11, cache_dir=cache)
     sizes = sorted(int(path.name.split("-")[2]) for path in cache.iterdir())

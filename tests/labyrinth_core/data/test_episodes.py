@@ -39,10 +39,6 @@ def run(request, build, tmp_path_factory):
     )
 
 
-def splits_of(run):
-    return sorted({path.name.partition("-")[0] for path in run.folder.glob("*-of-*.parquet")})
-
-
 def rows_by_episode(run, split):
     """Return the rows of each episode of a split, as its files hold them."""
     episodes = []
@@ -74,7 +70,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
     """Of episodes loaded and streamed, and of the transitions that are made of them."""
     options, observe = OBSERVED[observed]
     in_full = observed.endswith("in full")
-    for split in ("train",) if in_full else splits_of(run):
+    for split in ("train",) if in_full else Manifest.read(run.folder).config.splits:
         episodes = rows_by_episode(run, split)
         if in_full:
             options = options | {"labyrinths": 1}

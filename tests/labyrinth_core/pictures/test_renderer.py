@@ -122,10 +122,6 @@ def centre(structure, place):
     return int(from_top), int(from_left)
 
 
-def colour_of(picture, structure, place):
-    return tuple(picture[centre(structure, place)].tolist())
-
-
 def seen_in(labyrinth, state):
     """Return the places that the agent sees."""
     world = world_of(labyrinth)
@@ -206,7 +202,7 @@ def test_every_tile_is_in_the_middle_of_its_cell(labyrinth, data):
             shown = style.goal
         if place == agent:
             shown = style.key if state.has_key and not state.door_open else style.agent
-        assert colour_of(picture, structure, place) == shown
+        assert tuple(picture[centre(structure, place)].tolist()) == shown
 
 
 @settings(max_examples=60)

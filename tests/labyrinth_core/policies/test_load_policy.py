@@ -305,7 +305,6 @@ def test_a_description_with_a_wrong_value_is_refused_in_one_line(
     [
         ({"mapper": {"channels": 4, "looks": 65}}, "mapper.looks is 65, not a whole number from"),
         ({"mapper": None}, "mapper is None, not an object with channels, looks"),
-        ({"format": 2}, "format is 2, not 1"),
         ({"image_size": 64}, "image_size is 64, not 600"),
         ({"average": True}, "average is True, but a mapper does not average over symmetries"),
     ],

@@ -48,12 +48,6 @@ def without_walls(height, width):
     return Labyrinth(Structure.without_walls(height, width), 0, height * width - 1)
 
 
-def number_of(labyrinth, situation):
-    (row, column), has_key, door_open = situation
-    cell = row * labyrinth.structure.width + column
-    return state_index(labyrinth, State(cell, has_key, door_open))
-
-
 @given(labyrinths())
 def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
     world = world_of(labyrinth)
@@ -62,7 +56,8 @@ def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
     assert len(found) == state_count(labyrinth)
     assert optimal.shape == (state_count(labyrinth), 4)
     for situation in situations(world):
-        number = number_of(labyrinth, situation)
+        (row, column), has_key, door_open = situation
+        number = state_index(labyrinth, State(row * world.width + column, has_key, door_open))
         assert found[number] == moves.get(situation, UNREACHABLE)
         assert set(np.flatnonzero(optimal[number]).tolist()) == best[situation]
     if labyrinth.door is not None:  # The agent cannot stand in it while it is closed.
