@@ -6,6 +6,9 @@ import os
 import sys
 from collections.abc import Sequence
 
+from labyrinth_core.command.arguments import ERRORS, explain, parser
+from labyrinth_core.language.source_text import escape_output
+
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status: 0, 1 after an error message, or 130 after Ctrl-C.
@@ -13,17 +16,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Args:
         arguments: The command line after `labyrinth`; None for the process's own arguments.
     """
-    try:
-        return _run(arguments)
-    except KeyboardInterrupt:
-        return 130
-
-
-def _run(arguments: Sequence[str] | None) -> int:
-    # Imported here, so that Ctrl-C during the imports is handled, too.
-    from labyrinth_core.command.arguments import ERRORS, explain, parser
-    from labyrinth_core.language.source_text import escape_output
-
     escape_output()
     try:
         options = parser().parse_args(arguments)
@@ -33,6 +25,8 @@ def _run(arguments: Sequence[str] | None) -> int:
         sys.stdout.flush()
     except SystemExit as stop:  # From argparse, which has printed the reason.
         return int(stop.code or 0)
+    except KeyboardInterrupt:
+        return 130
     except BrokenPipeError:
         # The reader of the output is gone, so discard what is left in the buffer.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

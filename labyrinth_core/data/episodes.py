@@ -17,7 +17,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
-from labyrinth_core.language.parse_many import parse_many
+from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.batch import Labyrinths, replay_many
 from labyrinth_core.world.dynamics import replay

@@ -100,19 +100,18 @@ class LabyrinthSource(NamedTuple):
 
 
 def sources_of(
-    num_envs: int,
     size: Size,
     task: Task | str,
     labyrinth: LabyrinthLike | None,
     labyrinths: Iterable[LabyrinthLike] | None,
 ) -> list[LabyrinthSource]:
-    """Return a source for each sub-environment, or for each of `labyrinths` if those are more.
+    """Return the sources that sub-environments take in turn: one, or one for each of `labyrinths`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
     """
     if labyrinths is None:
-        return [LabyrinthSource.of(size, task, labyrinth)] * num_envs
+        return [LabyrinthSource.of(size, task, labyrinth)]
     if labyrinth is not None:
         raise ValueError("give labyrinth or labyrinths, not both")
     if isinstance(labyrinths, LabyrinthLike):
@@ -123,7 +122,7 @@ def sources_of(
     sources = [LabyrinthSource(Shape.of(each), each) for each in given]
     for each in given:
         check_shape(each, sources[0].shape)
-    return [sources[place % len(sources)] for place in range(max(num_envs, len(sources)))]
+    return sources
 
 
 def check_shape(labyrinth: Labyrinth, shape: Shape) -> None:

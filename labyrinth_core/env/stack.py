@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.drawing import dump_many
+from labyrinth_core.language.many import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.vector import (
     VectorArray,

@@ -125,10 +125,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
-        if labyrinths is not None and not isinstance(labyrinths, LabyrinthLike):
-            labyrinths = [*labyrinths]
-        self._sources = sources_of(num_envs, size, task, labyrinth, labyrinths)
-        self._given = None if labyrinths is None else len(labyrinths)
+        self._sources = sources_of(size, task, labyrinth, labyrinths)
         self._turns: NDArray[np.int64] | None = None
         """The number of each sub-environment's next labyrinth, if there are more labyrinths."""
         if len(self._sources) > num_envs:
@@ -168,10 +165,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "image_size": self._observer.image_size,
             "autoreset_mode": self.autoreset_mode.value,
         }
-        if spec is not None and spec.kwargs.get("max_episode_steps") is not None:
+        given = {} if spec is None else spec.kwargs
+        if given.get("max_episode_steps") is not None:
             values["max_episode_steps"] = self._limit
-        if self._given is not None:
-            kept = [source.plainly()["labyrinth"] for source in self._sources[: self._given]]
+        if given.get("labyrinths") is not None:
+            kept = [source.plainly()["labyrinth"] for source in self._sources]
             values |= {"labyrinth": None, "labyrinths": kept}
         self._spec = write_plainly(spec, values, self._limit)
 
@@ -251,8 +249,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
                 self._frames[place] = []
 
     def _draw(self, place: int, options: dict[str, Any] | None) -> Labyrinth:
-        number = place if self._turns is None else self._turns[place] % len(self._sources)
-        source = self._sources[number]
+        number = place if self._turns is None else self._turns[place]
+        source = self._sources[number % len(self._sources)]
         if source.kept is not None and not options:
             return source.kept
         generator = self._generator(place)

@@ -61,9 +61,11 @@ def files_in(folder: Path) -> list[Path]:
     folders = [(folder, frozenset({folder.resolve()}))] if folder.is_dir() else []
     for each, above in folders:  # The list grows during the loop.
         for path in each.iterdir():
-            if not _is_hidden(path.name) and path.is_file():
+            if path.name.startswith("."):
+                continue
+            if path.is_file():
                 files.append(path)
-            elif not _is_hidden(path.name) and path.is_dir():
+            elif path.is_dir():
                 real = path.resolve()
                 if real not in above:  # A link to a folder above would never end.
                     folders.append((path, above | {real}))
@@ -119,11 +121,6 @@ def _bytes(file: Path) -> bytes:
     if len(data) > MAX_BYTES:
         raise ValueError(f"it has more than {MAX_BYTES:,} bytes")
     return data
-
-
-def _is_hidden(name: str) -> bool:
-    """Return whether a name hides a file or a folder."""
-    return name.startswith(".") and name != ".."
 
 
 def _entry(split: str, place: str, read: Callable[[], Labyrinth | Structure]) -> Entry:

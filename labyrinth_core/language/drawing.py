@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
-
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.batch import Structures
 from labyrinth_core.world.dynamics import State, neighbours, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
@@ -45,20 +42,6 @@ def describe(labyrinth: Labyrinth, state: State) -> str:
     """Return the agent's observation as text in the language, with the drawing of `draw_text`."""
     text = dump(labyrinth)
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
-
-
-def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list[str]:
-    """Return `text.dump` of each structure with this start, goal and task, which has no tiles."""
-    grid = Structure.without_walls(structures.height, structures.width)
-    text = dump(Labyrinth(grid, start, goal, task))
-    texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
-    for passages, step, wall in ((structures.up, grid.width, "-"), (structures.right, 1, "|")):
-        cells = [cell for cell, beside in grid.passages() if beside == cell + step]
-        between = [(_place(grid, cell) + _place(grid, cell + step)) // 2 for cell in cells]
-        places = np.array(between) + text.index("-----")
-        texts[:, places] = np.where(passages[:, cells], ord(" "), ord(wall))
-    joined, length = texts.tobytes().decode(), len(text)
-    return [joined[begin : begin + length] for begin in range(0, len(joined), length)]
 
 
 def _place(structure: Structure, cell: int) -> int:

@@ -93,7 +93,7 @@ def _marked(grid: NDArray[Any], mark: int, name: str) -> int | None:
     return (height - 1 - places[0][0] // 2) * width + places[0][1] // 2 if places else None
 
 
-def from_connections(connections: NDArray[Any]) -> Labyrinth | Structure:
+def from_connections(connections: NDArray[Any]) -> Structure:
     """Return the structure of a maze from maze-dataset.
 
     Args:
@@ -115,7 +115,6 @@ def from_connections(connections: NDArray[Any]) -> Labyrinth | Structure:
     below, beside = connections != 0
     if below[-1].any() or beside[:, -1].any():
         raise ValueError("a passage leads out of the grid")
-    grid = np.ones((2 * sides[0] + 1, 2 * sides[1] + 1), np.uint8)
-    grid[1::2, 1::2] = 0
-    grid[2::2, 1::2], grid[1::2, 2::2] = ~below, ~beside
-    return from_grid(grid)
+    # The lowest row first; a passage below a cell is one above the cell below.
+    up, right = np.roll(below[::-1], -1, axis=0), beside[::-1]
+    return Structures(sides[0], sides[1], up.reshape(1, -1), right.reshape(1, -1))[0]

@@ -109,9 +109,6 @@ def test_a_picture_that_cannot_be_is_refused_in_one_line(run, refused, tmp_path)
     path = tmp_path / "large.labyrinth"
     path.write_text(run("new", "--size", "2x400")[1])
     assert "a picture has room for" in refused("show", path, "--png", tmp_path / "x.png")
-    folder = tmp_path / "folder.png"
-    folder.mkdir()
-    assert "folder.png: is not a regular file" in refused("show", NAVIGATION, "--png", folder)
     path = tmp_path / "picture.jpg"
     assert "give a name that ends in .png" in refused("show", NAVIGATION, "--png", path)
     assert not path.exists()
@@ -158,9 +155,7 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
     ("arguments", "message"),
     [
         (["new", "--size", "0"], "argument --size: size=0: give a whole number from 2 to 1,000"),
-        (["new", "--size", "9999999"], "argument --size: size=9999999: give"),
         (["new", "--open-walls", "2"], "argument --open-walls: '2': give a probability"),
-        (["new", "--open-walls", "nan"], "argument --open-walls: 'nan': give a probability"),
         (
             ["new", "--size", "9", "--task", "icy-floor", "--open-walls", "0"],
             "labyrinth: open_walls=0 task=icy_floor: ",
@@ -178,7 +173,6 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
         (["fly"], "argument COMMAND: invalid choice: 'fly'"),
         ([], "the following arguments are required: COMMAND"),
         (["solve", "/nowhere"], "/nowhere: No such file or directory"),
-        (["solve", NAVIGATION, "--limit", "3"], "--limit needs --all"),
         (
             ["show", NAVIGATION, "--gif", "x.png"],
             "argument --gif: 'x.png': give a name that ends in",
@@ -238,13 +232,6 @@ def test_ctrl_c_ends_with_status_130(capsys, monkeypatch):
     monkeypatch.setitem(COMMANDS, "check", interrupt)
     monkeypatch.setattr(sys, "argv", ["labyrinth", "check", NAVIGATION])
     assert (main(), *capsys.readouterr()) == (130, "", "")
-
-
-def test_ctrl_c_while_the_command_is_imported_ends_with_status_130(tmp_path):
-    (tmp_path / "argparse.py").write_text("raise KeyboardInterrupt", encoding="utf-8")
-    environment = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{ROOT}"}
-    result = subprocess.run([*COMMAND, "--help"], env=environment, capture_output=True)
-    assert (result.returncode, result.stdout, result.stderr) == (130, b"", b"")
 
 
 def test_no_name_of_a_file_colours_or_clears_the_terminal(run, tmp_path):

@@ -80,7 +80,6 @@ def test_an_archive_is_refused_in_one_line_that_says_to_unpack_it(run, tmp_path)
         (["empty"], "empty: no readable labyrinth; files must end in .labyrinth, .npy"),
         (["empty", "--output", "out"], "empty: no readable labyrinth"),
         (["nowhere.npy"], "nowhere.npy: No such file or directory"),
-        (["nowhere.zip"], "nowhere.zip: No such file or directory"),
     ],
 )
 def test_a_mistake_gets_one_line_and_leaves_nothing(run, tmp_path, monkeypatch, arguments, message):

@@ -6,7 +6,6 @@ import shutil
 
 import numpy as np
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
 from tampering import put_shards
@@ -40,10 +39,6 @@ def run(request, build, tmp_path_factory):
     )
 
 
-def splits_of(run):
-    return sorted({path.name.partition("-")[0] for path in run.folder.glob("*-of-*.parquet")})
-
-
 def rows_by_episode(run, split):
     """Return the rows of each episode of a split, as its files hold them."""
     episodes = []
@@ -75,7 +70,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
     """Of episodes loaded and streamed, and of the transitions that are made of them."""
     options, observe = OBSERVED[observed]
     in_full = observed.endswith("in full")
-    for split in ("train",) if in_full else splits_of(run):
+    for split in ("train",) if in_full else Manifest.read(run.folder).config.splits:
         episodes = rows_by_episode(run, split)
         if in_full:
             options = options | {"labyrinths": 1}
@@ -109,13 +104,6 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
 
 
 @pytest.mark.slow
-def test_random_episodes_end_at_the_goal_or_on_ice_or_are_cut(run):
-    episodes = load_episodes(run.data_dir, run.folder.name, split="random", observation="vector")
-    lasts = [(episode.terminated, episode.rewards[-1] in (1, -100)) for episode in episodes]
-    assert {(False, False)} <= set(lasts) <= {(True, True), (False, False)}
-
-
-@pytest.mark.slow
 def test_optimal_actions_are_those_of_each_state(run):
     for split in ("train", "random"):
         transitions = load_transitions(
@@ -144,16 +132,6 @@ def test_few_episodes_at_once_are_the_same_as_many(run, monkeypatch, cells):
         np.testing.assert_array_equal(one, other)
     ids = [np.concatenate([each.ids[each.which] for each in of]) for of in (many, few)]
     np.testing.assert_array_equal(*ids)
-
-
-def test_some_labyrinths_are_a_part_of_all(run):
-    of_split = run.data_dir, run.folder.name
-    options = {"draw": True, "image_size": 8, "cache_dir": False}
-    whole = load_transitions(*of_split, **options)
-    for some in ({"labyrinths": 2}, {"where": pc.field("first_row") > 0}):
-        part = load_transitions(*of_split, **options, **some)
-        kept = np.isin(whole.labyrinth_ids, part.labyrinth_ids)
-        np.testing.assert_array_equal(part.observations, whole.observations[kept])
 
 
 @pytest.mark.slow

@@ -56,12 +56,7 @@ def run(hub: LocalHub, script: str, **more: str) -> tuple[str, str]:
 
 @pytest.mark.parametrize(
     ("code", "effect", "path"),
-    [
-        (LOAD, "hold", "/api/datasets/"),
-        (LOAD, "stall", SHARD),
-        (STREAM, "hold", SHARD),
-        (STREAM, "stall", SHARD),
-    ],
+    [(LOAD, "hold", "/api/datasets/"), (STREAM, "stall", SHARD)],
 )
 def test_reading_from_a_silent_hub_ends_with_one_line(
     hub: LocalHub, code: str, effect: str, path: str

@@ -1,7 +1,6 @@
 """Locks: one holder at a time, none that is dead, and nothing left behind."""
 
 import errno
-import os
 import signal
 import subprocess
 import sys
@@ -53,33 +52,10 @@ def test_no_process_waits_for_a_killed_one(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_who_does_not_wait_is_told(tmp_path):
-    with (
-        locked(tmp_path / "lock"),
-        pytest.raises(TimeoutError),
-        locked(tmp_path / "lock", wait=False),
-    ):
-        pass
-
-
-def test_who_waits_says_so_first(tmp_path):
-    class StopError(Exception):
-        pass
-
-    def stop():
-        raise StopError
-
-    with locked(tmp_path / "lock"):
-        with pytest.raises(StopError), locked(tmp_path / "lock", stop):
-            pass
-        assert (tmp_path / "lock").exists()
-
-
-@pytest.mark.parametrize("number", [errno.ENOSYS, errno.ENOLCK])
-def test_a_file_system_without_locks_is_an_os_error(tmp_path, monkeypatch, number):
+def test_a_file_system_without_locks_is_an_os_error(tmp_path, monkeypatch):
     def refuse(*_):
-        raise OSError(number, os.strerror(number))
+        raise OSError(errno.ENOSYS, "Function not implemented")
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(OSError, match=os.strerror(number)), locked(tmp_path / "lock"):
+    with pytest.raises(OSError, match="Function not implemented"), locked(tmp_path / "lock"):
         pass

@@ -249,18 +249,13 @@ def test_a_dataset_in_a_store_is_the_local_one_and_is_used_like_it(
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
     validation.run(run)
     card.run(run)
-    local = resolve_local(small_dataset, tmp_path)
+    shutil.copytree(small_dataset.data_dir, tmp_path, dirs_exist_ok=True)
+    local = replace(small_dataset, data_dir=tmp_path)
     card.run(local)
     assert content_of(run.data_dir) == content_of(local.data_dir)
     here, there = (load_transitions(p, "3x3", cache_dir=False) for p in (local.data_dir, url))
     assert np.array_equal(here.observations, there.observations)
     assert build(url).data_dir == run.data_dir  # Complete already.
-
-
-def resolve_local(run: Run, folder: Path) -> Run:
-    """Return the run of a copy of its dataset."""
-    shutil.copytree(run.data_dir, folder, dirs_exist_ok=True)
-    return replace(run, data_dir=folder)
 
 
 def test_damaged_and_missing_shards_in_a_store_are_made_anew(

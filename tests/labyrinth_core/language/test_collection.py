@@ -79,11 +79,6 @@ def test_any_depth_is_read_and_the_first_folder_is_the_split(tmp_path):
     ]
 
 
-def test_a_path_that_does_not_exist_is_an_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
-        list(read_collection(str(tmp_path / "nope")))
-
-
 def test_a_folder_that_cannot_be_read_is_not_left_out_in_silence(tmp_path, monkeypatch):
     def refused(path):
         raise PermissionError(13, "Permission denied", str(path))

@@ -9,14 +9,13 @@ from hypothesis import strategies as st
 
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import MAX_TEXT, decode, parse_size
+from labyrinth_core.language.source_text import MAX_TEXT, parse_size
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
 from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import (
     MAX_SIDE,
     MIN_SIDE,
     Labyrinth,
-    LabyrinthError,
     Structure,
     Task,
     identity,
@@ -69,11 +68,6 @@ def test_a_comment_at_the_end_of_any_line_changes_nothing(labyrinth, comment, da
     assert parse("\n".join(lines)) == labyrinth
 
 
-@given(st.text())
-def test_any_text_is_a_labyrinth_or_a_syntax_error(text):
-    fuzzing.check(text)
-
-
 @pytest.mark.slow
 def test_thousands_of_damaged_texts_are_labyrinths_or_syntax_errors():
     accepted = [
@@ -98,11 +92,6 @@ def test_the_figures_of_the_supplement_have_these_solutions(figure, task, route,
     assert shortest_routes(labyrinth) == [route]
 
 
-def test_the_drawing_has_row_0_at_the_bottom_and_column_0_at_the_left():
-    labyrinth = parse(TINY)
-    assert labyrinth == Labyrinth(Structure.from_passages(2, 2, [(0, 1), (0, 2), (1, 3)]), 0, 3)
-
-
 def test_the_identity_is_that_of_the_canonical_text():
     assert labyrinth_id(parse(TINY)) == labyrinth_id(TINY) == identity(TINY)
     assert labyrinth_id(TINY) == "3a0122bccc76c92e"
@@ -125,17 +114,6 @@ def test_an_error_knows_place_line_and_what_was_expected():
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
-def test_a_broken_rule_is_chained_to_the_syntax_error():
-    error = mistake(TINY.replace("|   +   |", "| - + - |"))
-    assert isinstance(error.__cause__, LabyrinthError)
-    assert (error.line, error.column) == (7, 7)
-
-
-def test_line_breaks_of_every_kind_give_the_same_labyrinth():
-    for breaks in ("\r\n", "\r"):
-        assert parse(TINY.replace("\n", breaks)) == parse(TINY)
-
-
 def test_what_is_too_long_is_refused(tmp_path):
     assert MAX_TEXT > 3 * (4 * 1_000 + 2) * (2 * 1_000 + 1), "the largest drawing has to fit"
     error = mistake(TINY + " " * MAX_TEXT)
@@ -148,11 +126,6 @@ def test_what_is_too_long_is_refused(tmp_path):
     rows = "|   |   |\n|   +   |\n" * 1_000
     error = mistake(f"labyrinth:\n---------\n{rows}| S   E |\n---------\nend\n")
     assert (error.line, error.message) == (2_002, "the drawing is too tall")
-
-
-def test_bytes_that_are_no_utf_8_are_reported_where_they_are():
-    with pytest.raises(LabyrinthSyntaxError, match=r"^f:2:3: .* the byte 0xff"):
-        decode(b"a\r\nbc\xff", "f")
 
 
 @pytest.mark.parametrize(("height", "width"), [(1_000, 2), (2, 1_000)])

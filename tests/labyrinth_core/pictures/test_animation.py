@@ -29,19 +29,11 @@ def decoded(data):
     return np.stack(frames), durations
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("task", Task)
-def test_a_gif_holds_the_pictures_of_every_state_to_the_pixel(task):
-    frames = frames_of(episode(task))
-    shown, durations = decoded(gif([frames]))
-    assert np.array_equal(shown, np.stack(frames))
-    assert durations == [300] * (len(frames) - 1) + [1500]
-
-
-@pytest.mark.slow
-def test_a_route_at_5x5_takes_less_than_a_tenth_of_a_megabyte():
-    for task in Task:
-        assert len(gif([frames_of(episode(task), image_size=600)])) < 100_000
+def test_a_gif_holds_the_pictures_of_every_state_of_one_episode_after_another_to_the_pixel():
+    episodes = [frames_of(episode(task)) for task in Task]
+    shown, durations = decoded(gif(episodes))
+    assert np.array_equal(shown, np.concatenate(episodes))
+    assert durations == [ms for each in episodes for ms in [300] * (len(each) - 1) + [1500]]
 
 
 def test_the_shorter_of_two_episodes_waits_for_the_other():
@@ -64,9 +56,3 @@ def test_the_shorter_of_two_episodes_waits_for_the_other():
 def test_frames_of_other_shapes_are_refused(episodes, found):
     with pytest.raises(ValueError, match=rf"^{found}: give episodes, each a list of frames"):
         gif(episodes)
-
-
-def test_episodes_follow_one_another():
-    first, second = frames_of(episode(Task.NAVIGATION)), frames_of(episode(Task.ICY_FLOOR))
-    shown, _ = decoded(gif([first, second]))
-    assert np.array_equal(shown, np.stack(first + second))

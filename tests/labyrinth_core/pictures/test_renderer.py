@@ -2,7 +2,7 @@
 
 import hashlib
 import io
-from dataclasses import fields, replace
+from dataclasses import replace
 from fractions import Fraction
 from itertools import groupby, permutations
 from math import floor
@@ -122,10 +122,6 @@ def centre(structure, place):
     return int(from_top), int(from_left)
 
 
-def colour_of(picture, structure, place):
-    return tuple(picture[centre(structure, place)].tolist())
-
-
 def seen_in(labyrinth, state):
     """Return the places that the agent sees."""
     world = world_of(labyrinth)
@@ -206,7 +202,7 @@ def test_every_tile_is_in_the_middle_of_its_cell(labyrinth, data):
             shown = style.goal
         if place == agent:
             shown = style.key if state.has_key and not state.door_open else style.agent
-        assert colour_of(picture, structure, place) == shown
+        assert tuple(picture[centre(structure, place)].tolist()) == shown
 
 
 @settings(max_examples=60)
@@ -261,18 +257,6 @@ def test_cells_of_a_rectangle_are_square_with_the_margin_on_both_sides(height, w
         assert abs(before - (most - count) * PICTURE_SIZE / most / 2) <= PICTURE_SIZE / most / 12
     margin = picture[:, : walls[1].min()] if height > width else picture[: walls[0].min()]
     assert (margin == COLOURFUL.floor).all()
-
-
-@pytest.mark.slow
-def test_every_colour_of_a_style_is_used_and_no_other():
-    shown = set()
-    drawn = [(NAVIGATION, State(0)), (PARTIAL_OBSERVABILITY, State(0)), (ICY_FLOOR, State(0))]
-    drawn += [(KEY_AND_DOOR, state) for state in (State(4), State(4, True), State(7, True, True))]
-    for text, state in drawn:
-        lines = np.unique(render(parse(text), state, style=COLOURFUL), axis=0)
-        shown |= set(map(tuple, lines.reshape(-1, 3).tolist()))
-    colours = [field.name for field in fields(Style) if field.name != "wall_pixels"]
-    assert shown == {getattr(COLOURFUL, name) for name in colours}
 
 
 # Nothing looks like something else.
@@ -399,12 +383,6 @@ def test_the_average_is_exact_for_any_two_sizes(side, size, data):
     sums = small.reshape(size, side, size, side, 3).sum(axis=(1, 3))
     means = [floor(Fraction(each, side**2) + Fraction(1, 2)) for each in sums.ravel().tolist()]
     assert area_average(picture, size).ravel().tolist() == means
-
-
-def test_the_average_rounds_halves_up():
-    picture = np.zeros((2, 2, 3), np.uint8)
-    picture[0, 0] = (2, 6, 1)
-    assert area_average(picture, 1).tolist() == [[[1, 2, 0]]]
 
 
 def test_a_size_of_numpys_draws_the_same_and_what_is_no_size_is_refused():

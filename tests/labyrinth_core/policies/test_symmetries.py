@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 import torch
 from torch import Tensor, nn
 
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.text import load
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.symmetry import (
     SYMMETRIES,
@@ -19,17 +21,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
 pytestmark = pytest.mark.slow
 
-LABYRINTH = """
-labyrinth:
--------------
-|   |     E |
-|   +   + - |
-|           |
-|   + - +   |
-| S     |   |
--------------
-end
-"""
+FIGURE = Path(__file__).parents[2] / "data" / "valid" / "figure_1a_navigation.labyrinth"
 
 
 def picture(labyrinth: Labyrinth, state: State) -> Tensor:
@@ -38,7 +30,7 @@ def picture(labyrinth: Labyrinth, state: State) -> Tensor:
 
 @pytest.mark.parametrize("symmetry", SYMMETRIES)
 def test_a_transformed_action_does_what_the_action_did(symmetry: int) -> None:
-    labyrinth = parse(LABYRINTH)
+    labyrinth = load(FIGURE)
     cells = torch.arange(9).reshape(1, 3, 3).flip(1)  # As pictures have them, from the top.
     where = {
         old: new for new, old in enumerate(transform(cells, symmetry).flip(1).flatten().tolist())

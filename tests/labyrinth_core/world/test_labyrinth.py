@@ -30,8 +30,6 @@ from labyrinth_core.world.labyrinth import (
     Look,
     Structure,
     Task,
-    horizontal_edges,
-    vertical_edges,
     whole,
 )
 from labyrinth_core.world.solver import least_moves
@@ -299,21 +297,7 @@ def test_a_broken_rule_that_no_text_can_break_is_named_with_the_cell(changes, ta
     assert caught.value.cell == cell
 
 
-# Grids and numbers.
-
-sides = st.integers(2, 12)
-
-
-@given(sides, sides)
-def test_the_edge_sets_hold_every_pair_of_neighbours_once(height, width):
-    up, right = vertical_edges(height, width), horizontal_edges(height, width)
-    pairs = [
-        frozenset({divmod(cell, width), divmod(cell + step, width)})
-        for bits, step in ((up, width), (right, 1))
-        for cell in range(bits.bit_length())
-        if bits >> cell & 1
-    ]
-    assert sorted(map(sorted, pairs)) == sorted(map(sorted, grid_passages(height, width)))
+# Numbers.
 
 
 KINDS = [int, np.int8, np.uint8, np.int16, np.uint16, np.int32, np.uint32, np.int64, np.uint64]

@@ -8,14 +8,11 @@ import numpy as np
 import pytest
 from brute_force import (
     WAYS,
-    all_structures,
     best_actions,
     chi_square,
     drawn,
-    is_connected,
     labyrinth_of,
     moves_to_go,
-    passages_of,
     situations,
     step,
     world_of,
@@ -51,53 +48,29 @@ def without_walls(height, width):
     return Labyrinth(Structure.without_walls(height, width), 0, height * width - 1)
 
 
-def number_of(labyrinth, situation):
-    (row, column), has_key, door_open = situation
-    cell = row * labyrinth.structure.width + column
-    return state_index(labyrinth, State(cell, has_key, door_open))
-
-
-def assert_optimal_in_every_state(labyrinth):
-    """Assert that distances and optimal actions are those of brute force."""
+@given(labyrinths())
+def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
     world = world_of(labyrinth)
     moves, best = moves_to_go(world), best_actions(world)
     found, optimal = distances(labyrinth), optimal_actions(labyrinth)
     assert len(found) == state_count(labyrinth)
     assert optimal.shape == (state_count(labyrinth), 4)
     for situation in situations(world):
-        number = number_of(labyrinth, situation)
+        (row, column), has_key, door_open = situation
+        number = state_index(labyrinth, State(row * world.width + column, has_key, door_open))
         assert found[number] == moves.get(situation, UNREACHABLE)
         assert set(np.flatnonzero(optimal[number]).tolist()) == best[situation]
-
-
-def assert_every_simple_route_is_found_once(labyrinth):
-    """Assert that the simple routes are those of brute force, the shortest first."""
-    routes = brute_simple_routes(world_of(labyrinth))
-    in_order = sorted(routes, key=lambda route: (len(route), route))
-    assert list(map(tuple, simple_routes(labyrinth))) == in_order
-
-
-@pytest.mark.slow
-def test_every_state_and_route_of_every_structure_of_three_by_three_is_found():
-    everything = [each for each in all_structures(3, 3) if is_connected(3, 3, passages_of(each))]
-    assert len(everything) == 431
-    for structure in everything:
-        assert_optimal_in_every_state(Labyrinth(structure, 0, 8))
-        assert_every_simple_route_is_found_once(Labyrinth(structure, 0, 8))
-
-
-@given(labyrinths())
-def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
-    assert_optimal_in_every_state(labyrinth)
     if labyrinth.door is not None:  # The agent cannot stand in it while it is closed.
         closed = [labyrinth.door, labyrinth.door + labyrinth.structure.cells]
-        assert [distances(labyrinth)[number] for number in closed] == [UNREACHABLE] * 2
-        assert not optimal_actions(labyrinth)[closed].any()
+        assert [found[number] for number in closed] == [UNREACHABLE] * 2
+        assert not optimal[closed].any()
 
 
 @given(labyrinths().filter(lambda labyrinth: labyrinth.structure.cells <= 12))
-def test_every_simple_route_is_found_once_wherever_the_tiles_lie(labyrinth):
-    assert_every_simple_route_is_found_once(labyrinth)
+def test_every_simple_route_is_found_once_the_shortest_first_wherever_the_tiles_lie(labyrinth):
+    routes = brute_simple_routes(world_of(labyrinth))
+    in_order = sorted(routes, key=lambda route: (len(route), route))
+    assert list(map(tuple, simple_routes(labyrinth))) == in_order
 
 
 @given(labyrinths())

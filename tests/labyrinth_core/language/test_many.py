@@ -1,4 +1,4 @@
-"""Texts parsed together: those that are parsed one by one, or nothing."""
+"""Texts parsed together: those that are parsed one by one, or nothing; and written together."""
 
 from copy import copy
 from dataclasses import replace
@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from strategies import labyrinths
 
-from labyrinth_core.language.parse_many import parse_many
+from labyrinth_core.language.many import dump_many, parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.labyrinth import Look, Structure
+from labyrinth_core.world.batch import Structures
+from labyrinth_core.world.labyrinth import Look, Structure, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 
@@ -85,3 +86,10 @@ def test_labyrinths_that_break_a_rule_are_left_to_the_parser(opened, labyrinth, 
         assert parse_many([text, whole]) is None  # Of which the last alone is parsed.
     else:
         assert_those_of(parse_many([text, whole]), [text, whole])
+
+
+@given(labyrinths(Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY))
+def test_a_text_written_with_others_is_the_one_written_alone(labyrinth):
+    structure, kind = labyrinth.structure, (labyrinth.start, labyrinth.goal, labyrinth.task)
+    others = Structure.without_walls(structure.height, structure.width)
+    assert dump_many(Structures.of([others, structure]), *kind)[1] == dump(labyrinth)

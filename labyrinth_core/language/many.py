@@ -1,10 +1,11 @@
-"""Parse thousands of canonical texts, of labyrinths of one kind, at once in NumPy."""
+"""Parse and write thousands of canonical texts, of labyrinths of one kind, at once in NumPy."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError
 from labyrinth_core.language.text import dump, parse
@@ -33,14 +34,11 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():
         return None
     shown = np.frombuffer(joined.encode(), np.uint8).reshape(len(texts), -1)
-    # The indices of the drawing's characters, lowest line first.
-    places = np.arange(len(pattern))[pattern.index("-") : pattern.index("end")]
-    places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
-    cells, above, beside = places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]
+    cells, above, beside = _places(pattern, height, width)
     fixed = np.ones(len(pattern), np.bool_)
     for free in (cells, above, beside):
         fixed[free] = False
-    content, over, right_of = (shown[:, free.ravel()] for free in (cells, above, beside))
+    content, over, right_of = shown[:, cells.ravel()], shown[:, above], shown[:, beside]
     as_drawn = [
         shown[:, fixed] == np.frombuffer(pattern.encode(), np.uint8)[fixed],
         (over == ord(" ")) | (over == ord("-")),
@@ -60,8 +58,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
         return None
     up = np.zeros((len(texts), height, width), np.bool_)
     right = np.zeros_like(up)
-    up[:, :-1] = (over == ord(" ")).reshape(-1, height - 1, width)
-    right[:, :, :-1] = (right_of == ord(" ")).reshape(-1, height, width - 1)
+    up[:, :-1], right[:, :, :-1] = over == ord(" "), right_of == ord(" ")
     structures = Structures(height, width, *(each.reshape(len(texts), -1) for each in (up, right)))
     labyrinths = Labyrinths(structures, task, some[0].look, tiles, ice)
     return labyrinths if labyrinths.keep_the_rules() else None
@@ -74,3 +71,27 @@ def _canonical(text: str) -> Labyrinth | None:
     except LabyrinthSyntaxError:
         return None
     return labyrinth if dump(labyrinth) == text else None
+
+
+def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list[str]:
+    """Return `text.dump` of each structure with this start, goal and task, which has no tiles."""
+    height, width = structures.height, structures.width
+    text = dump(Labyrinth(Structure.without_walls(height, width), start, goal, task))
+    _, above, beside = _places(text, height, width)
+    up, right = (each.reshape(-1, height, width) for each in (structures.up, structures.right))
+    texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
+    texts[:, above] = np.where(up[:, :-1], ord(" "), ord("-"))
+    texts[:, beside] = np.where(right[:, :, :-1], ord(" "), ord("|"))
+    joined, length = texts.tobytes().decode(), len(text)
+    return [joined[begin : begin + length] for begin in range(0, len(joined), length)]
+
+
+def _places(text: str, height: int, width: int) -> list[NDArray[np.int64]]:
+    """Return the indices in a canonical text of its cells and passages, the lowest row first.
+
+    Cells have the shape (height, width), passages above them (height - 1, width), and passages on
+    their right (height, width - 1).
+    """
+    places = np.arange(len(text))[text.index("-----") : text.index("end")]
+    places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
+    return [places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]]
