@@ -6,7 +6,6 @@ those computed from the rows of the dataset.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -15,11 +14,10 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
-from labyrinth_core.evaluation.outcomes import Bools, cases_of
 from labyrinth_core.evaluation.replanner import replan
+from labyrinth_core.evaluation.results_form import Bools, cases_of
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.world.labyrinth import Task
 
@@ -169,28 +167,6 @@ class KnownDataset:
         """The fingerprint of the dataset's rows."""
         return self.manifest.fingerprint
 
-    def require_counts(self, counts: Mapping[str, int], learnt: int | None) -> None:
-        """Check that no split has more labyrinths than the dataset, without reading any row.
-
-        Args:
-            counts: Split -> number of labyrinths.
-            learnt: As for `split`.
-
-        Raises:
-            ValueError: The dataset has fewer labyrinths in a split, or no such split.
-        """
-        held = Counter[str]()
-        for shard in self.manifest.shards:
-            held[shard.split] += shard.labyrinths
-        for split, count in counts.items():
-            right = held[split]
-            if learnt is not None and is_of_train(split):
-                right = min(right, learnt)
-            if not right:
-                raise ValueError(f"{split}: {self.place} has no such split")
-            if count > right:  # Fewer if a split holds a labyrinth twice, as one_wall may.
-                raise ValueError(f"{split}: {count} labyrinths, but {self.place} has {right}")
-
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
         """Return a split's labyrinths, routes and baselines, computed from the dataset.
 
@@ -200,8 +176,11 @@ class KnownDataset:
                 references know only these, and it is judged only on these. None for all.
 
         Raises:
+            ValueError: The dataset has no such split.
             DatasetError: The rows of the split cannot be read.
         """
+        if all(shard.split != name for shard in self.manifest.shards):
+            raise ValueError(f"{name}: {self.place} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
             place = self.source, self.config, split
