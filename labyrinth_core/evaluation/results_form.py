@@ -41,8 +41,6 @@ from labyrinth_core.world.labyrinth import Task
 KIND = "labyrinth-results"
 FORMAT = 2
 
-Bools = NDArray[np.bool_]
-
 _EXACT = 1e-12
 """Figures that differ by no more than this are equal; another processor may round the last of their
 sixteen digits differently."""
@@ -264,7 +262,7 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
         if content[name] is not None and not rules.looks_up:
             yield f"{name} is {content[name]}, which only look-ups can give"
     detour = moves - distance
-    cases: list[tuple[Bools, str]] = [
+    cases: list[tuple[NDArray[np.bool_], str]] = [
         (np.broadcast_to(distance > most, moves.shape), f"a shortest route of more than {most}"),
         (moves > limit, f"more moves than the limit of {limit}"),
         (solved & (moves < distance), "a solution of fewer moves than a shortest route"),
@@ -273,29 +271,13 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
         (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]
-    yield from cases_of(scores, cases)
-
-
-def cases_of(scores: Scores, cases: Iterable[tuple[Bools, str]]) -> Iterator[str]:
-    """Yield a message for each impossible case that occurs, about its first episode.
-
-    Args:
-        scores: The scores.
-        cases: Masks of the episodes, shape (E, L), and what is impossible about them.
-    """
-    episodes = scores.episodes
     for wrong, what in cases:
         for episode, labyrinth in np.argwhere(wrong)[:1].tolist():
             of = f"episode {episode + 1}, " if len(episodes.moves) > 1 else ""
-            name, outcome, moves, distance = (
-                f"{scores.labyrinth_ids[labyrinth]:016x}",
-                episodes.outcomes[episode, labyrinth],
-                episodes.moves[episode, labyrinth],
-                scores.distance[labyrinth],
-            )
             yield (
-                f"{of}labyrinth {name} has {what}: {outcome} after {moves} moves, with a shortest "
-                f"route of {distance}"
+                f"{of}labyrinth {scores.labyrinth_ids[labyrinth]:016x} has {what}: "
+                f"{episodes.outcomes[episode, labyrinth]} after {moves[episode, labyrinth]} moves, "
+                f"with a shortest route of {distance[labyrinth]}"
             )
 
 
