@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset import locate, require_unchanged
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -29,6 +28,12 @@ from labyrinth_core.world.labyrinth import Task, whole
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
+
+ADVICE = (
+    "give episodes=1 or more if it draws at random, or reset(count) and act(observations) if it "
+    "remembers"
+)
+"""What the author of a policy can do if two calls of it give other answers."""
 
 
 def evaluate(
@@ -159,7 +164,8 @@ def judge(
         arrays = load(split)
         known, beside = memory.figures(arrays, blind=blind)
         if way_of(player, episodes) == "look-ups":
-            found = _looked_up(player, arrays)
+            require_repeatable(player, arrays, ADVICE)
+            found = score(player.act, arrays)
         else:
             found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
         scores[split] = replace(found, known_route=known)
@@ -172,22 +178,10 @@ def judge(
 
 
 def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
-    held = list(dict.fromkeys(shard.split for shard in manifest.shards))
     if splits is None:
+        held = dict.fromkeys(shard.split for shard in manifest.shards)
         return [split for split in held if split not in NOT_EVALUATED]
     chosen = [splits] if isinstance(splits, str) else list(splits)
-    unknown = [split for split in chosen if split not in held]
-    if unknown or not chosen:
-        given = unknown[0] if unknown else "[]"
-        raise DatasetError(f"split={given}: the dataset has {', '.join(held)}")
+    for split in chosen or ["[]"]:
+        manifest.of(split)  # Raises a DatasetError if there is no such split.
     return chosen
-
-
-def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores by look-ups, after checking that two calls give the same answers."""
-    advice = (
-        "give episodes=1 or more if it draws at random, or reset(count) and act(observations) if "
-        "it remembers"
-    )
-    require_repeatable(player, arrays, advice)
-    return score(player.act, arrays)

@@ -205,26 +205,21 @@ def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
     )
 
 
-def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
-    """Return which labyrinths a policy solves when acting greedily, shape (L,).
+def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
+    """Return the share of labyrinths that a policy solves when acting greedily.
 
     The policy is called only for the states that it visits, at 5x5 about a third of all.
     """
-    return _visit(policy, arrays).solved
+    return float(_visit(policy, arrays, None).solved.mean())
 
 
-def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None = None) -> Episodes:
+def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episodes:
     """Return the results of a policy's episodes; it is called only for states that it visits."""
 
     def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
         return _decisions(policy, arrays, state[running])
 
     return play(arrays, choose, visits=1, limit=limit)
-
-
-def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves when acting greedily; see `solved_by`."""
-    return float(solved_by(policy, arrays).mean())
 
 
 # Any policy.
