@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -101,17 +102,15 @@ def evaluate(
     )
     player = Player.of(policy, seed)
 
-    def load(split: str, observation: str = spec.observation) -> LabyrinthArrays:
-        return load_arrays(
-            source,
-            config,
-            split,
-            observation=observation,
-            image_size=spec.image_size,
-            resize=spec.resize,
-            revision=revision,
-        )
-
+    load = partial(
+        load_arrays,
+        source,
+        config,
+        observation=spec.observation,
+        image_size=spec.image_size,
+        resize=spec.resize,
+        revision=revision,
+    )
     chosen = _chosen(splits, manifest)
     scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
     require_unchanged(source, config, manifest.fingerprint)
@@ -150,14 +149,14 @@ def judge(
     Args:
         player: The policy.
         load: Returns the labyrinths of a split, given its name, with the policy's observation or
-            the one given as second argument.
+            the one given as `observation`.
         splits: The names of the splits.
         task: The task of the labyrinths.
         episodes: As for `evaluate`.
         learnt: The labyrinths that the references know; None for all of the split train.
         blind: Whether to add the baselines that do not look at a labyrinth.
     """
-    memory = TrainMemory.of(load("train", "vector") if learnt is None else learnt)
+    memory = TrainMemory.of(load("train", observation="vector") if learnt is None else learnt)
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, Mapping[str, float]]] = {}
     for split in splits:
@@ -171,7 +170,7 @@ def judge(
         scores[split] = replace(found, known_route=known)
         del arrays  # Frees the arrays before those of the next split are loaded.
         if task is Task.PARTIAL_OBSERVABILITY:
-            beside |= replan(load(split, "vector"))
+            beside |= replan(load(split, observation="vector"))
         for name, figures in beside.items():
             baselines.setdefault(name, {})[split] = figures
     return scores, baselines
