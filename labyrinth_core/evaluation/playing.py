@@ -251,9 +251,7 @@ def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
     return play(arrays, choose, limit=limit, remembered=player.remembered)
 
 
-def step_through(
-    player: Player, arrays: LabyrinthArrays, episodes: int, together: int = TOGETHER
-) -> Episodes:
+def step_through(player: Player, arrays: LabyrinthArrays, episodes: int) -> Episodes:
     """Return the results of `episodes` episodes in each of L labyrinths, shape (episodes, L).
 
     Args:
@@ -261,14 +259,12 @@ def step_through(
             episodes, and its answers there are ignored.
         arrays: The labyrinths.
         episodes: The number of episodes in each labyrinth.
-        together: The largest number of labyrinths in which it acts at once.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
-    starts = [
-        arrays.initial[begin:][:together] for begin in range(0, len(arrays.initial), together)
-    ]
+    first = range(0, len(arrays.initial), TOGETHER)
+    starts = [arrays.initial[begin:][:TOGETHER] for begin in first]
     rows = [
         [
             play(

@@ -19,6 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.evaluation import playing
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
 from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
@@ -48,9 +49,8 @@ def told(scores):
     return figures, episodes.outcomes.ravel().tolist(), episodes.moves.ravel().tolist()
 
 
-def stepped(policy, arrays, episodes=1, **options):
-    found = step_through(Player.of(policy, 0), arrays, episodes, **options)
-    return Scores.of(found, arrays)
+def stepped(policy, arrays):
+    return Scores.of(step_through(Player.of(policy, 0), arrays, 1), arrays)
 
 
 # Both ways.
@@ -124,9 +124,11 @@ def test_an_attempt_takes_the_steps_of_the_episode_that_is_judged(arrays_of, con
                 assert reached == (outcome == "solved")
 
 
-def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of):
+def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of, monkeypatch):
     arrays = arrays_of["3x4", "train"]
-    assert told(stepped(Rounds(2), arrays, together=2)) == told(stepped(Rounds(2), arrays))
+    at_once = told(stepped(Rounds(2), arrays))
+    monkeypatch.setattr(playing, "TOGETHER", 2)
+    assert told(stepped(Rounds(2), arrays)) == at_once
 
 
 def test_what_a_policy_that_remembers_says_of_episodes_that_are_over_is_not_looked_at(arrays_of):
