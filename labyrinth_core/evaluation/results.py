@@ -167,7 +167,7 @@ class Results:
         """Return the results in a file that `save` wrote; the file need not be trusted.
 
         All figures but accuracies and baselines are recomputed from the outcomes. If the dataset
-        is known, everything that follows from it is checked, too.
+        is known, labyrinths, known routes, accuracies and baselines are checked against it.
 
         Args:
             path: The file.
@@ -234,7 +234,7 @@ class Results:
             )
 
     def _compare_with(self, known: KnownDataset) -> None:
-        """Check what follows from the dataset: labyrinths, known routes, outcomes, baselines."""
+        """Check what follows from the dataset: labyrinths, known routes, accuracies, baselines."""
         run = self.run
         if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(
