@@ -165,22 +165,14 @@ def play(
 # Policies without memory.
 
 
-def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the action of a policy in each state, shape (S,); 0 in terminal states.
+def decisions(
+    policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the action of a policy in each of N states, shape (N,); at least one is given.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
-    actions = np.zeros(len(arrays.terminal), np.int64)
-    acting = np.flatnonzero(~arrays.terminal)
-    actions[acting] = _decisions(policy, arrays, acting)
-    return actions
-
-
-def _decisions(
-    policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the action of a policy in each of the states; at least one is given."""
     parts = [states[begin:][:SEEN_TOGETHER] for begin in range(0, len(states), SEEN_TOGETHER)]
     return np.concatenate([decide(policy, arrays.observations[part]) for part in parts])
 
@@ -217,7 +209,7 @@ def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episod
     """Return the results of a policy's episodes; it is called only for states that it visits."""
 
     def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
-        return _decisions(policy, arrays, state[running])
+        return decisions(policy, arrays, state[running])
 
     return play(arrays, choose, visits=1, limit=limit)
 
