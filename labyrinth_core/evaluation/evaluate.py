@@ -30,12 +30,6 @@ from labyrinth_core.world.labyrinth import Task, whole
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
 
-ADVICE = (
-    "give episodes=1 or more if it draws at random, or reset(count) and act(observations) if it "
-    "remembers"
-)
-"""What the author of a policy can do if two calls of it give other answers."""
-
 
 def evaluate(
     policy: Any,
@@ -163,7 +157,8 @@ def judge(
         arrays = load(split)
         known, beside = memory.figures(arrays, blind=blind)
         if way_of(player, episodes) == "look-ups":
-            require_repeatable(player, arrays, ADVICE)
+            advice = "give episodes=1 or more if it draws at random"
+            require_repeatable(player, arrays, advice)
             found = score(player.act, arrays)
         else:
             found = Scores.of(step_through(player, arrays, episodes or 1), arrays)

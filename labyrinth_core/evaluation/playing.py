@@ -218,12 +218,18 @@ def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episod
 
 
 def require_repeatable(player: Player, arrays: LabyrinthArrays, advice: str) -> None:
-    """Raise a PolicyError, with advice, if two calls of a policy without memory differ."""
+    """Raise a PolicyError if two calls of a policy without memory differ.
+
+    `advice` says what to do with a policy that draws at random.
+    """
     acting = np.flatnonzero(~arrays.terminal)
     some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
     first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
     if not np.array_equal(first, second):
-        raise PolicyError(f"the policy answers the same observations differently: {advice}")
+        raise PolicyError(
+            f"the policy answers the same observations differently: {advice}, or reset(count) and "
+            "act(observations) if it remembers"
+        )
 
 
 def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
