@@ -31,6 +31,11 @@ Observations are uint8 (B, size, size, 3), int32 vectors (B, length), or a list 
 
 ACTIONS = len(Action)
 
+_ALLOWED = (
+    "policy: give a function from observations to actions, or an object with reset(count) and "
+    "act(observations), or with predict as in Stable-Baselines3"
+)
+
 
 class PolicyError(ValueError):
     """A policy answers with anything but actions, or raises an error, which is the cause."""
@@ -199,37 +204,29 @@ def _described(value: Any) -> str:
     return f"{len(value)} texts" if texts else type(value).__name__
 
 
-def as_function(policy: Any) -> Policy:
-    """Return a policy without memory as a function.
+def _evaluating(module: Any) -> Policy:
+    """Return a PyTorch module as a function.
 
-    A PyTorch module is called with tensors on its own device, in evaluation mode and without
-    gradients; afterwards its modes are restored.
+    The module is called with tensors on its own device, in evaluation mode and without gradients;
+    afterwards its modes are restored.
     """
-    if not _is_module(policy):
-        function: Policy = policy
-        return function
     torch = sys.modules["torch"]
 
     def forward(observations: Any) -> Any:
-        modes = [(module, module.training) for module in policy.modules()]
-        policy.eval()
+        modes = [(each, each.training) for each in module.modules()]
+        module.eval()
         try:
             if isinstance(observations, np.ndarray):
-                weight = next(policy.parameters(), None)
+                weight = next(module.parameters(), None)
                 device = None if weight is None else weight.device
                 observations = torch.as_tensor(observations, device=device)
             with torch.no_grad():
-                return policy(observations)
+                return module(observations)
         finally:
-            for module, training in modes:
-                module.training = training
+            for each, training in modes:
+                each.training = training
 
     return forward
-
-
-def _is_module(policy: Any) -> bool:
-    torch = sys.modules.get("torch")
-    return torch is not None and isinstance(policy, torch.nn.Module)
 
 
 class Predicting:
@@ -256,24 +253,26 @@ def _remembers(policy: Any) -> bool:
 
 
 def _in_our_form(policy: Any) -> Any:
-    """Adapt a policy with the interface of Stable-Baselines3; return any other unchanged.
+    """Adapt a policy of PyTorch or Stable-Baselines3; return any other unchanged.
 
-    Its `predict(observation, state, episode_start, deterministic)` returns actions and a state. If
-    the state for a sample observation is None, the policy has no memory; without an observation
-    space to sample from, it is stepped, which is right in either case. Such policies may also be
-    PyTorch modules, but calling them does not return actions.
+    The `predict(observation, state, episode_start, deterministic)` of Stable-Baselines3 returns
+    actions and a state. If the state for a sample observation is None, the policy has no memory;
+    without an observation space to sample from, it is stepped, which is right in either case. Such
+    policies may also be PyTorch modules, but calling them does not return actions.
 
     Raises:
         PolicyError: It has LeRobot's interface, but lacks its processors.
     """
-    if _remembers(policy) or (callable(policy) and not _is_module(policy)):
+    torch = sys.modules.get("torch")
+    is_module = torch is not None and isinstance(policy, torch.nn.Module)
+    if _remembers(policy) or (callable(policy) and not is_module):
         return policy
     if hasattr(policy, "reset") and hasattr(policy, "select_action"):
         raise PolicyError(
             "policy: give a LeRobot policy with its processors, as examples/lerobot_policy.py does"
         )
     if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
-        return policy
+        return _evaluating(policy) if is_module else policy
     space = getattr(policy, "observation_space", None)
     if space is None or policy.predict(space.sample(), deterministic=True)[1] is not None:
         return Predicting(policy)
@@ -301,17 +300,12 @@ class Player:
         Raises:
             PolicyError: `evaluate` does not accept the policy.
         """
-        if not isinstance(policy, type):
-            policy = asked(_in_our_form, policy)
-        remembers = asked(_remembers, policy)
-        if isinstance(policy, type) or not (remembers or callable(policy)):
-            name = policy.__name__ if isinstance(policy, type) else type(policy).__name__
-            what = "the class" if isinstance(policy, type) else "an object of"
-            raise PolicyError(
-                f"policy: give a function from observations to actions, or an object with "
-                f"reset(count) and act(observations), or with predict as in Stable-Baselines3, "
-                f"not {what} {name}"
-            )
+        if isinstance(policy, type):
+            raise PolicyError(f"{_ALLOWED}, not the class {policy.__name__}")
+        policy = asked(_in_our_form, policy)
+        remembers = _remembers(policy)
+        if not (remembers or callable(policy)):
+            raise PolicyError(f"{_ALLOWED}, not an object of {type(policy).__name__}")
         begin = policy.reset if remembers else policy
         draws = _takes(begin, "rng")
         if draws:
@@ -319,7 +313,7 @@ class Player:
         if remembers:
             remembered = None if draws else getattr(policy, "remembered", None)
             return cls(policy.act, begin, False, remembered)
-        return cls(begin if draws else as_function(policy), None, not draws)
+        return cls(begin, None, not draws)
 
 
 def _takes(function: Callable[..., Any], argument: str) -> bool:

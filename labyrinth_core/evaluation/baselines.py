@@ -97,18 +97,20 @@ class TrainMemory:
         The first has shape (L,). The baselines in `BLIND` are included only with `blind`.
         """
         walked = self.walk(arrays)
-        looked_up = follow(arrays, self.actions[arrays.position, surroundings(arrays)])
         known: NDArray[np.bool_] = walked.moves == arrays.distance
-        references = zip(REFERENCES, (walked, looked_up), strict=True)
-        found = {name: Scores.of(episodes, arrays).summary() for name, episodes in references}
-        found |= {"random": random_figures(arrays), "oracle": oracle_figures(arrays)}
-        return known, found | (self.blind_figures(arrays) if blind else {})
-
-    def blind_figures(self, arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
-        """Return the figures of the baselines that do not look at a labyrinth."""
-        majority = follow(arrays, self.majority[arrays.position])
-        found = zip(BLIND, (majority, follow_route(arrays, self.best_route)), strict=True)
-        return {name: Scores.of(episodes, arrays).summary() for name, episodes in found}
+        usual = self.actions[arrays.position, surroundings(arrays)]
+        figures = {
+            "route_memory": Scores.of(walked, arrays).summary(),
+            "local_walls": Scores.of(follow(arrays, usual), arrays).summary(),
+            "random": random_figures(arrays),
+            "oracle": Scores.of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays).summary(),
+        }
+        if blind:
+            majority = follow(arrays, self.majority[arrays.position])
+            fixed_path = follow_route(arrays, self.best_route)
+            figures["majority"] = Scores.of(majority, arrays).summary()
+            figures["fixed_path"] = Scores.of(fixed_path, arrays).summary()
+        return known, figures
 
     def walk(self, arrays: LabyrinthArrays) -> Episodes:
         """Return the episodes of an agent that follows remembered routes, and stays without one."""
@@ -132,11 +134,6 @@ def surroundings(arrays: LabyrinthArrays) -> NDArray[np.int64]:
     blocked = arrays.next_state == np.arange(len(arrays.next_state))[:, None]
     numbers: NDArray[np.int64] = blocked @ SIDES
     return numbers
-
-
-def oracle_figures(arrays: LabyrinthArrays) -> dict[str, float]:
-    """Return the figures of an optimal action in every state."""
-    return Scores.of(follow(arrays, arrays.optimal.argmax(axis=1)), arrays).summary()
 
 
 def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:

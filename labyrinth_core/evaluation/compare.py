@@ -40,12 +40,6 @@ from labyrinth_core.world.labyrinth import whole
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
 
-ADVICE = (
-    "give it a second argument rng to draw from, or reset(count) and act(observations) if it "
-    "remembers"
-)
-"""What the author of a policy can do if two calls of it give other answers."""
-
 PURPOSE = 3
 """The random key of fresh labyrinths, which no part of a dataset uses."""
 
@@ -197,7 +191,7 @@ def compare(
         for player, spec in players:
             arrays = as_arrays(drawn, spec)
             if player.forgets and not found.labyrinths:
-                require_repeatable(player, arrays, ADVICE)
+                require_repeatable(player, arrays, "give it a second argument rng to draw from")
             solved.append(play_once(player, arrays, steps).solved)
         first, second = solved
         found = Comparison(

@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset import locate, require_unchanged
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -96,17 +96,15 @@ def evaluate(
     )
     player = Player.of(policy, seed)
 
-    def load(split: str, observation: str = spec.observation) -> LabyrinthArrays:
-        return load_arrays(
-            source,
-            config,
-            split,
-            observation=observation,
-            image_size=spec.image_size,
-            resize=spec.resize,
-            revision=revision,
-        )
-
+    load = partial(
+        load_arrays,
+        source,
+        config,
+        observation=spec.observation,
+        image_size=spec.image_size,
+        resize=spec.resize,
+        revision=revision,
+    )
     chosen = _chosen(splits, manifest)
     scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
     require_unchanged(source, config, manifest.fingerprint)
@@ -145,49 +143,39 @@ def judge(
     Args:
         player: The policy.
         load: Returns the labyrinths of a split, given its name, with the policy's observation or
-            the one given as second argument.
+            the one given as `observation`.
         splits: The names of the splits.
         task: The task of the labyrinths.
         episodes: As for `evaluate`.
         learnt: The labyrinths that the references know; None for all of the split train.
         blind: Whether to add the baselines that do not look at a labyrinth.
     """
-    memory = TrainMemory.of(load("train", "vector") if learnt is None else learnt)
+    memory = TrainMemory.of(load("train", observation="vector") if learnt is None else learnt)
     scores: dict[str, Scores] = {}
     baselines: dict[str, dict[str, Mapping[str, float]]] = {}
     for split in splits:
         arrays = load(split)
         known, beside = memory.figures(arrays, blind=blind)
         if way_of(player, episodes) == "look-ups":
-            found = _looked_up(player, arrays)
+            advice = "give episodes=1 or more if it draws at random"
+            require_repeatable(player, arrays, advice)
+            found = score(player.act, arrays)
         else:
             found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
         scores[split] = replace(found, known_route=known)
         del arrays  # Frees the arrays before those of the next split are loaded.
         if task is Task.PARTIAL_OBSERVABILITY:
-            beside |= replan(load(split, "vector"))
+            beside |= replan(load(split, observation="vector"))
         for name, figures in beside.items():
             baselines.setdefault(name, {})[split] = figures
     return scores, baselines
 
 
 def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
-    held = list(dict.fromkeys(shard.split for shard in manifest.shards))
     if splits is None:
+        held = dict.fromkeys(shard.split for shard in manifest.shards)
         return [split for split in held if split not in NOT_EVALUATED]
     chosen = [splits] if isinstance(splits, str) else list(splits)
-    unknown = [split for split in chosen if split not in held]
-    if unknown or not chosen:
-        given = unknown[0] if unknown else "[]"
-        raise DatasetError(f"split={given}: the dataset has {', '.join(held)}")
+    for split in chosen or ["[]"]:
+        manifest.of(split)  # Raises a DatasetError if there is no such split.
     return chosen
-
-
-def _looked_up(player: Player, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores by look-ups, after checking that two calls give the same answers."""
-    advice = (
-        "give episodes=1 or more if it draws at random, or reset(count) and act(observations) if "
-        "it remembers"
-    )
-    require_repeatable(player, arrays, advice)
-    return score(player.act, arrays)

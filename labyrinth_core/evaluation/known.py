@@ -6,7 +6,6 @@ those computed from the rows of the dataset.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
@@ -15,10 +14,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
-from labyrinth_core.evaluation.outcomes import Bools, cases_of
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.world.labyrinth import Task
@@ -38,13 +35,8 @@ class KnownSplit:
     """The id of each labyrinth, shape (L,)."""
     distance: NDArray[np.int64]
     """Moves on a shortest route, shape (L,)."""
-    known_route: Bools
+    known_route: NDArray[np.bool_]
     """Whether train demonstrates an optimal route, shape (L,)."""
-    single_route: Bools
-    """Whether the structure has no loop, so that only one route repeats no state, shape (L,)."""
-    to_ice: NDArray[np.int64]
-    """The fewest moves to ice, among even and among odd numbers of moves, shape (L, 2); more than
-    the step limit if no ice can be reached so."""
     acting: tuple[int, int]
     """The number of states over which each of `ACCURACIES` is computed."""
     baselines: Mapping[str, Mapping[str, float]]
@@ -62,8 +54,6 @@ class KnownSplit:
             labyrinth_ids=arrays.labyrinth_ids,
             distance=arrays.distance,
             known_route=known,
-            single_route=np.array([each.structure.loops == 0 for each in arrays.labyrinths]),
-            to_ice=_moves_to_ice(arrays),
             acting=(int((acts & shown).sum()), int((acts & ~shown).sum())),
             baselines=baselines,
         )
@@ -73,7 +63,7 @@ class KnownSplit:
 
         Args:
             scores: The scores.
-            looks_up: Whether the policy has no memory; then no episode that ends repeats a state.
+            looks_up: Whether the policy has no memory; only then it has accuracies.
         """
         if len(scores.distance) != len(self.distance):
             yield f"{len(scores.distance)} labyrinths, but {self.place} has {len(self.distance)}"
@@ -88,16 +78,6 @@ class KnownSplit:
             )
         if np.any(scores.known_route != self.known_route):
             yield f"known_route does not match the routes that train of {self.place} demonstrates"
-        moves, solved = scores.episodes.moves, scores.episodes.solved
-        iced = scores.episodes.outcomes == "ice"
-        of_parity = np.where(moves % 2 == 1, self.to_ice[:, 1], self.to_ice[:, 0])
-        roundabout = solved & (moves > self.distance)
-        cases = [
-            (iced & (moves < self.to_ice.min(axis=1)), "ice, which is farther away"),
-            (iced & (moves < of_parity) & looks_up, "ice, which so many moves cannot reach"),
-            (roundabout & self.single_route & looks_up, "a detour, but only one possible route"),
-        ]
-        yield from cases_of(scores, cases)
         for name, count in zip(ACCURACIES, self.acting, strict=True):
             share = getattr(scores, name)
             states = count if looks_up else 0
@@ -120,22 +100,6 @@ class KnownSplit:
             for figure, value in given.get(name, {}).items():
                 if abs(value - figures[figure]) > _CLOSE:
                     yield f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
-
-
-def _moves_to_ice(arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the fewest moves to ice, among even and among odd numbers of moves, shape (L, 2)."""
-    fewest = np.full((len(arrays.initial), 2), arrays.step_limit + 1)
-    reached = np.zeros(len(arrays.terminal), np.bool_)
-    states, moves = arrays.initial, 0
-    while states.size:
-        reached[states] = True
-        ice = states[arrays.terminal[states] & ~arrays.goal[states]]
-        fewest[arrays.labyrinth[ice], moves % 2] = np.minimum(
-            fewest[arrays.labyrinth[ice], moves % 2], moves
-        )
-        after = np.unique(arrays.next_state[states[~arrays.terminal[states]]])
-        states, moves = after[~reached[after]], moves + 1
-    return fewest
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,28 +133,6 @@ class KnownDataset:
         """The fingerprint of the dataset's rows."""
         return self.manifest.fingerprint
 
-    def require_counts(self, counts: Mapping[str, int], learnt: int | None) -> None:
-        """Check that no split has more labyrinths than the dataset, without reading any row.
-
-        Args:
-            counts: Split -> number of labyrinths.
-            learnt: As for `split`.
-
-        Raises:
-            ValueError: The dataset has fewer labyrinths in a split, or no such split.
-        """
-        held = Counter[str]()
-        for shard in self.manifest.shards:
-            held[shard.split] += shard.labyrinths
-        for split, count in counts.items():
-            right = held[split]
-            if learnt is not None and is_of_train(split):
-                right = min(right, learnt)
-            if not right:
-                raise ValueError(f"{split}: {self.place} has no such split")
-            if count > right:  # Fewer if a split holds a labyrinth twice, as one_wall may.
-                raise ValueError(f"{split}: {count} labyrinths, but {self.place} has {right}")
-
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
         """Return a split's labyrinths, routes and baselines, computed from the dataset.
 
@@ -200,8 +142,11 @@ class KnownDataset:
                 references know only these, and it is judged only on these. None for all.
 
         Raises:
+            ValueError: The dataset has no such split.
             DatasetError: The rows of the split cannot be read.
         """
+        if all(shard.split != name for shard in self.manifest.shards):
+            raise ValueError(f"{name}: {self.place} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
             place = self.source, self.config, split

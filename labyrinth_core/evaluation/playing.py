@@ -165,22 +165,14 @@ def play(
 # Policies without memory.
 
 
-def greedy_actions(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.int64]:
-    """Return the action of a policy in each state, shape (S,); 0 in terminal states.
+def decisions(
+    policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the action of a policy in each of N states, shape (N,); at least one is given.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
-    actions = np.zeros(len(arrays.terminal), np.int64)
-    acting = np.flatnonzero(~arrays.terminal)
-    actions[acting] = _decisions(policy, arrays, acting)
-    return actions
-
-
-def _decisions(
-    policy: Policy, arrays: LabyrinthArrays, states: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Return the action of a policy in each of the states; at least one is given."""
     parts = [states[begin:][:SEEN_TOGETHER] for begin in range(0, len(states), SEEN_TOGETHER)]
     return np.concatenate([decide(policy, arrays.observations[part]) for part in parts])
 
@@ -205,38 +197,39 @@ def follow_route(arrays: LabyrinthArrays, route: Sequence[int]) -> Episodes:
     )
 
 
-def solved_by(policy: Policy, arrays: LabyrinthArrays) -> NDArray[np.bool_]:
-    """Return which labyrinths a policy solves when acting greedily, shape (L,).
+def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
+    """Return the share of labyrinths that a policy solves when acting greedily.
 
     The policy is called only for the states that it visits, at 5x5 about a third of all.
     """
-    return _visit(policy, arrays).solved
+    return float(_visit(policy, arrays, None).solved.mean())
 
 
-def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None = None) -> Episodes:
+def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episodes:
     """Return the results of a policy's episodes; it is called only for states that it visits."""
 
     def choose(state: NDArray[np.int64], running: NDArray[np.int64]) -> NDArray[np.int64]:
-        return _decisions(policy, arrays, state[running])
+        return decisions(policy, arrays, state[running])
 
     return play(arrays, choose, visits=1, limit=limit)
-
-
-def success_rate(policy: Policy, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves when acting greedily; see `solved_by`."""
-    return float(solved_by(policy, arrays).mean())
 
 
 # Any policy.
 
 
 def require_repeatable(player: Player, arrays: LabyrinthArrays, advice: str) -> None:
-    """Raise a PolicyError, with advice, if two calls of a policy without memory differ."""
+    """Raise a PolicyError if two calls of a policy without memory differ.
+
+    `advice` says what to do with a policy that draws at random.
+    """
     acting = np.flatnonzero(~arrays.terminal)
     some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
     first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
     if not np.array_equal(first, second):
-        raise PolicyError(f"the policy answers the same observations differently: {advice}")
+        raise PolicyError(
+            f"the policy answers the same observations differently: {advice}, or reset(count) and "
+            "act(observations) if it remembers"
+        )
 
 
 def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
@@ -256,9 +249,7 @@ def play_once(player: Player, arrays: LabyrinthArrays, limit: int) -> Episodes:
     return play(arrays, choose, limit=limit, remembered=player.remembered)
 
 
-def step_through(
-    player: Player, arrays: LabyrinthArrays, episodes: int, together: int = TOGETHER
-) -> Episodes:
+def step_through(player: Player, arrays: LabyrinthArrays, episodes: int) -> Episodes:
     """Return the results of `episodes` episodes in each of L labyrinths, shape (episodes, L).
 
     Args:
@@ -266,14 +257,12 @@ def step_through(
             episodes, and its answers there are ignored.
         arrays: The labyrinths.
         episodes: The number of episodes in each labyrinth.
-        together: The largest number of labyrinths in which it acts at once.
 
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
-    starts = [
-        arrays.initial[begin:][:together] for begin in range(0, len(arrays.initial), together)
-    ]
+    first = range(0, len(arrays.initial), TOGETHER)
+    starts = [arrays.initial[begin:][:TOGETHER] for begin in first]
     rows = [
         [
             play(

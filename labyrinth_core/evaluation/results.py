@@ -15,7 +15,6 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.outcomes import refuse, scores_of
 from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
@@ -26,7 +25,9 @@ from labyrinth_core.evaluation.results_form import (
     KIND,
     METHOD,
     RUN,
+    refuse,
     rules_of,
+    scores_of,
     taken,
 )
 from labyrinth_core.evaluation.schema import check_shape
@@ -166,7 +167,7 @@ class Results:
         """Return the results in a file that `save` wrote; the file need not be trusted.
 
         All figures but accuracies and baselines are recomputed from the outcomes. If the dataset
-        is known, everything that follows from it is checked, too.
+        is known, labyrinths, known routes, accuracies and baselines are checked against it.
 
         Args:
             path: The file.
@@ -192,17 +193,12 @@ class Results:
     ) -> Results:
         """Return the results from the form of `to_json`; raise ValueError for anything else.
 
-        For `datasets` see `load`. Cheap checks come first.
+        For `datasets` see `load`.
         """
         rules = rules_of(content)
         about = content["dataset"]
         run = TrainedRun(**taken(content["run"], RUN)) if "run" in content else None
         known = None if datasets is None else datasets(about["config"])
-        if known is not None and known.fingerprint != about["fingerprint"]:
-            known = None
-        if known is not None:
-            counts = {split: told["labyrinths"] for split, told in content["splits"].items()}
-            known.require_counts(counts, None if run is None else run.train_labyrinths)
         splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
         missing = [split for split in EVALUATED_SPLITS if split not in splits]
         if not splits or (run is not None and missing):
@@ -225,7 +221,7 @@ class Results:
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
         )
-        if known is not None:
+        if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
         return found
 
@@ -238,7 +234,7 @@ class Results:
             )
 
     def _compare_with(self, known: KnownDataset) -> None:
-        """Check what follows from the dataset: labyrinths, known routes, outcomes, baselines."""
+        """Check what follows from the dataset: labyrinths, known routes, accuracies, baselines."""
         run = self.run
         if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(

@@ -81,6 +81,10 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
     Raises:
         ValueError: It does not match; the message gives the place, the value and what is allowed.
     """
+    if isinstance(shape, Maybe):
+        if value is not None:
+            check_shape(value, shape.of, place)
+        return
     wanted = _unmet(value, shape)
     if wanted is not None:
         raise ValueError(f"{place} is {value!r:.60}, not {wanted}")
@@ -99,13 +103,11 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
         for name, item in value.items():
             check_shape(name, shape.name, f"a name in {place}")
             check_shape(item, shape.of, f"{place}.{name}")
-    elif isinstance(shape, Maybe) and value is not None:
-        check_shape(value, shape.of, place)
 
 
 def _unmet(value: Any, shape: Any) -> str | None:
     """Return what a value should be, without a look at its items; None if it matches."""
-    if shape is None or isinstance(shape, Maybe):
+    if shape is None:
         return None
     if isinstance(shape, OneOf):
         allowed = [each for each in shape.values if type(each) is type(value)]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, follow, greedy_actions
+from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits on which a trained policy is evaluated."""
@@ -156,7 +156,9 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     Raises:
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
-    actions = greedy_actions(policy, arrays)
+    acting = np.flatnonzero(~arrays.terminal)
+    actions = np.zeros(len(arrays.terminal), np.int64)
+    actions[acting] = decisions(policy, arrays, acting)
     right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]
     solvable, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
     return Scores(

@@ -19,6 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.evaluation import playing
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
 from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
@@ -48,13 +49,8 @@ def told(scores):
     return figures, episodes.outcomes.ravel().tolist(), episodes.moves.ravel().tolist()
 
 
-def stepped(policy, arrays, episodes=1, **options):
-    found = step_through(Player.of(policy, 0), arrays, episodes, **options)
-    return Scores.of(found, arrays)
-
-
-def observed(arrays):
-    return arrays.observations[~arrays.terminal]
+def stepped(policy, arrays):
+    return Scores.of(step_through(Player.of(policy, 0), arrays, 1), arrays)
 
 
 # Both ways.
@@ -128,9 +124,11 @@ def test_an_attempt_takes_the_steps_of_the_episode_that_is_judged(arrays_of, con
                 assert reached == (outcome == "solved")
 
 
-def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of):
+def test_many_labyrinths_are_stepped_some_at_a_time(arrays_of, monkeypatch):
     arrays = arrays_of["3x4", "train"]
-    assert told(stepped(Rounds(2), arrays, together=2)) == told(stepped(Rounds(2), arrays))
+    at_once = told(stepped(Rounds(2), arrays))
+    monkeypatch.setattr(playing, "TOGETHER", 2)
+    assert told(stepped(Rounds(2), arrays)) == at_once
 
 
 def test_what_a_policy_that_remembers_says_of_episodes_that_are_over_is_not_looked_at(arrays_of):
@@ -342,15 +340,6 @@ def test_a_policy_that_is_random_in_one_of_fifty_answers_is_refused(small_datase
             evaluate(policy, small_dataset.data_dir, "3x3", observation="vector")
 
 
-def test_a_mistake_in_one_episode_of_many_is_found(arrays_of):
-    arrays = arrays_of["3x4", "train"]
-    policy = Rounds(1)
-    act = policy.act
-    policy.act = lambda seen: np.where(np.arange(len(seen)) == 3, 4, act(seen))
-    with pytest.raises(PolicyError, match="answered action 4: give 0 up"):
-        stepped(policy, arrays)
-
-
 @pytest.mark.parametrize(
     ("policy", "message"), [(Rounds, "not the class Rounds"), (object(), "not an object of object")]
 )
@@ -363,11 +352,8 @@ def test_what_is_no_policy_is_refused(datasets, policy, message):
     ("options", "kind", "message"),
     [
         ({"episodes": 0}, ValueError, "episodes=0: give a whole number from 1 to 1000"),
-        ({"episodes": 1.5}, ValueError, "episodes=1.5: give a whole"),
         ({"episodes": 1001}, ValueError, "episodes=1001: give a whole"),
         ({"seed": "a"}, ValueError, "seed='a': give a whole number from 0 to 18446744073709551615"),
-        ({"seed": True}, ValueError, "seed=True: give a whole number"),
-        ({"seed": 2**64}, ValueError, "seed=18446744073709551616: give a whole number"),
         ({"observation": "sound"}, ValueError, "observation=sound: choose one of image, vector"),
         ({"splits": ["tset"]}, DatasetError, "split=tset: the dataset has train, validation, test"),
         ({"splits": []}, DatasetError, r"split=\[\]: the dataset has train"),
@@ -477,7 +463,6 @@ def test_a_policy_is_shown_what_it_says_and_told_the_labyrinths(datasets, stated
             "image_size=20 at 3x4, but is shown image_size=64",
         ),
         ({"image_size": 601}, {}, "the policy asks for image_size=601 at 3x4: a whole number"),
-        ({"image_size": True}, {}, "the policy asks for image_size=True at 3x4: a whole number"),
         ({"image_size": (9, 9)}, {}, r"asks for image_size=\(9, 9\) at 3x4: a whole number of pix"),
         ({"image_size": lambda side: side}, {}, "the policy raised TypeError: "),
         ({"for_labyrinths": lambda *_: 1 / 0}, {}, "the policy raised ZeroDivisionError: "),

@@ -9,7 +9,7 @@ import pytest
 from labyrinths_of_datasets import CONFIGS
 from policies import Table, mistaken
 
-from labyrinth_core.evaluation.baselines import TrainMemory, oracle_figures, random_figures
+from labyrinth_core.evaluation.baselines import TrainMemory, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route, success_rate
 from labyrinth_core.evaluation.scores import Scores, score
@@ -113,8 +113,8 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
 def test_the_other_baselines_are_what_they_say(datasets):
     arrays = load_arrays(datasets, "3x4", "train", image_size=8)
     memory = TrainMemory.of(arrays)
-    figures = memory.blind_figures(arrays)
-    assert oracle_figures(arrays)["sr"] == 1
+    _, figures = memory.figures(arrays, blind=True)
+    assert (figures["oracle"]["sr"], figures["oracle"]["spl"]) == (1, 1)
     solved = follow_route(arrays, memory.best_route).solved.sum()
     assert solved >= 1
     assert all(follow_route(arrays, route).solved.sum() <= solved for route in arrays.routes)
