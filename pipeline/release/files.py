@@ -12,8 +12,8 @@ from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.release.figures import FIGURES
-from pipeline.release.plan import DATASET, Kind
 from pipeline.release.readme import BANNER, picture_path
+from pipeline.release.remote import DATASET, Kind
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"

@@ -33,8 +33,7 @@ from pipeline.machinery.console import progress, say
 from pipeline.machinery.ending import end_with_parent
 from pipeline.release.faults import PublishError, repeated
 from pipeline.release.files import files_of
-from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
-from pipeline.release.remote import Remote
+from pipeline.release.remote import DATASET, KINDS, MODEL, Kind, Remote, differing
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
 """The names of environment variables that move the caches of the Hub's clients."""
@@ -141,12 +140,11 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
     """
     files = files_of(kind, folder)
     try:
-        plan = make_plan(kind, files, Remote(HfApi(), repo_id, kind).tree(commit))
+        others = differing(files, Remote(HfApi(), repo_id, kind).tree(commit))
     except HTTPError as error:
         raise DatasetError(f"its files cannot be listed: {one_line(error)}") from error
-    if not plan.is_done:
-        differing = [*plan.add, *plan.delete][0]
-        raise DatasetError(f"{differing} on the Hub is not what was published")
+    if others:
+        raise DatasetError(f"{others[0]} on the Hub is not what was published")
     for name, path in files.items():
         _tell(name)
         download = partial(

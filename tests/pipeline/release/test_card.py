@@ -40,8 +40,8 @@ from pipeline.release import card
 from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
 from pipeline.release.files import files_of, pictures_of
-from pipeline.release.plan import DATASET
 from pipeline.release.provenance import Release
+from pipeline.release.remote import DATASET
 from pipeline.release.side_files import changelog
 
 pytestmark = pytest.mark.slow

@@ -29,7 +29,7 @@ from publishing import (
 from quick_python import python
 
 from pipeline.release.faults import PublishError, explained
-from pipeline.release.plan import DATASET
+from pipeline.release.remote import DATASET
 from pipeline.release.verify import verified
 
 pytestmark = pytest.mark.slow

@@ -23,7 +23,7 @@ from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.files import files_of
-from pipeline.release.plan import DATASET
+from pipeline.release.remote import DATASET
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
