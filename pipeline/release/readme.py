@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, questions_config
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task
@@ -112,7 +112,7 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
 
 def _questions(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the section on questions, empty if no dataset has them."""
-    names = [questions_config(d.name) for d in datasets if d.manifest.questions is not None]
+    names = list(front_matter.asked([dataset.manifest for dataset in datasets]))
     if not names:
         return ""
     section = fill(

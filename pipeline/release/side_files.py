@@ -10,9 +10,9 @@ from typing import Any
 import yaml
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.questions import question_splits, questions_config
+from labyrinth_core.evaluation.questions import question_splits
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.inspection.front_matter import LICENCE
+from pipeline.inspection import front_matter
 from pipeline.release.provenance import Release
 from pipeline.release.texts import fill, read
 
@@ -27,7 +27,7 @@ def citation_file(release: Release) -> str:
     """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
     fields = {"version": release.version or "", "url": release.url, "software": __version__}
     values = yaml.safe_load(fill("CITATION.cff", developers=DEVELOPERS, **fields))
-    if release.licence != LICENCE:  # Its SPDX name is unknown, only the Hub's.
+    if release.licence != front_matter.LICENCE:  # Its SPDX name is unknown, only the Hub's.
         del values["license"], values["license-url"]
     if not release.repo_id:
         del values["url"]
@@ -44,11 +44,7 @@ def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
         manifests: The manifests of all configs.
         name: The name of the benchmark.
     """
-    asked = {
-        questions_config(manifest.config.name): question_splits(manifest.config)
-        for manifest in manifests
-        if manifest.questions is not None
-    }
+    asked = front_matter.asked(manifests)
     if not asked:
         return None
     values = yaml.safe_load(read("eval.yaml"))
@@ -57,9 +53,9 @@ def eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
         {"id": f"{config}{form}-{split}", "config": config, "split": split}
         # A copy, or the file would refer to the first task in all others.
         | deepcopy(own | each)
-        for config, splits in asked.items()
+        for config, questions in asked.items()
         for form, own in forms.items()
-        for split in splits
+        for split in question_splits(questions.config)
     ]
     return _yaml({"name": name} | values)
 
