@@ -142,7 +142,7 @@ def _card(
     id_ = f"{group}/{run.dataset.name}/{split}-v{VERSION}"
     text = fill(
         "export.md",
-        library=KINDS[format_].name,
+        library=KINDS[format_].library,
         config=run.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
@@ -167,7 +167,7 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
         licence: The licence of the dataset.
         repo_id: The id of the dataset on the Hub, if it has one.
     """
-    library = KINDS[format_].name
+    library = KINDS[format_].library
     values: dict[str, Any] = {
         "license": licence,
         "pretty_name": f"Labyrinth, for {library}",

@@ -13,7 +13,6 @@ from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.release.figures import FIGURES
 from pipeline.release.readme import BANNER, picture_path
-from pipeline.release.remote import DATASET, Kind
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
@@ -24,18 +23,17 @@ def pictures_of(configs: Sequence[str]) -> list[str]:
     return [BANNER, *(picture_path(config, name) for config in configs for name in FIGURES)]
 
 
-def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
+def files_of(folder: Path) -> dict[str, Path]:
     """Return the files of a release by their paths on the Hub.
 
     Args:
-        kind: The kind of the repository.
         folder: A folder of datasets; or one that holds only the files of the release.
 
     Raises:
         DatasetError: An analysis is damaged, or another program wrote SHA256SUMS.
     """
-    if kind is DATASET:
-        names = _published(Sums.read(folder), front_matter.finished(folder))
+    if manifests := front_matter.finished(folder):
+        names = _published(Sums.read(folder), manifests)
     else:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file())
         names = [path.relative_to(folder).as_posix() for path in files]

@@ -209,7 +209,7 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
                 "choose a later version"
             )
         return False
-    changed = remote.plan(files_of(remote.kind, folder), tagged).changed
+    changed = remote.plan(files_of(folder), tagged).changed
     if data := [path for path in changed if remote.kind.is_data(path)]:
         raise PublishError(
             f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
@@ -229,7 +229,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
     if not options.dry_run:
         remote.create(private=options.private)
     head = remote.commit("main") if exists or not options.dry_run else ""
-    files = files_of(remote.kind, folder)
+    files = files_of(folder)
     plan = remote.plan(files, head)
     if plan.others and not remote.is_new(head):
         raise PublishError(
@@ -244,7 +244,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
         return
     if plan.changed:
         head = _commit(remote, f"Release {options.version}", plan, head)
-    say(verified(remote.repo_id, head, folder, remote.kind))
+    say(verified(remote.repo_id, head, folder, remote.kind.repo_type))
     remote.tag(options.version, head)
     say(f"tagged {options.version} at {head[:12]}.")
 

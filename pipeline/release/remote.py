@@ -38,14 +38,14 @@ def number(version: str) -> list[int]:
 class Kind:
     """A kind of repository, and which files a release has in it."""
 
-    name: str
-    """The name of the kind; for an export, the name of the library."""
     repo_type: Literal["dataset", "model"]
     """The Hub's type of the repository."""
     data: str
     """A regular expression for the paths of data, not of the files that describe it.
 
     No path of another kind with the same type of repository matches it."""
+    library: str = ""
+    """The library that an export is for."""
     newest_tag: str | None = None
     """A tag, beside the one of each version, that moves to the newest release on `main`."""
 
@@ -56,16 +56,12 @@ class Kind:
 
 DATASET = Kind(
     "dataset",
-    "dataset",
     data=r"\d+x\d+(-\w+){0,2}/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
 )
-LEROBOT = Kind("LeRobot", "dataset", r"(data|meta)/.+", newest_tag=CODEBASE_VERSION)
-MINARI = Kind("Minari", "dataset", r"[^/]+/[^/]+/data/.+")
-MODEL = Kind("model", "model", r"config\.json|model\.safetensors")
-ENVIRONMENT = Kind("environment", "model", r"env\.py")
-KINDS: dict[str, Kind] = {
-    kind.name: kind for kind in (DATASET, LEROBOT, MINARI, MODEL, ENVIRONMENT)
-}
+LEROBOT = Kind("dataset", r"(data|meta)/.+", "LeRobot", newest_tag=CODEBASE_VERSION)
+MINARI = Kind("dataset", r"[^/]+/[^/]+/data/.+", "Minari")
+MODEL = Kind("model", r"config\.json|model\.safetensors")
+ENVIRONMENT = Kind("model", r"env\.py")
 
 
 @dataclass(frozen=True)

@@ -41,7 +41,6 @@ from pipeline.release.canvas import picture_with_route
 from pipeline.release.figures import FIGURES
 from pipeline.release.files import files_of, pictures_of
 from pipeline.release.provenance import Release
-from pipeline.release.remote import DATASET
 from pipeline.release.side_files import changelog
 
 pytestmark = pytest.mark.slow
@@ -388,7 +387,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
-    assert not {*FOREIGN} & {*files_of(DATASET, folder)}
+    assert not {*FOREIGN} & {*files_of(folder)}
 
 
 def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_alone(folder):
@@ -450,7 +449,7 @@ def test_an_analysis_of_other_rows_is_neither_shown_nor_published(folder):
     (folder / DEFAULT / ANALYSIS).write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
     card.write_card(folder)
     assert "walls to the nearest" not in text(folder)
-    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(DATASET, folder)
+    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(folder)
 
 
 @pytest.mark.parametrize("mark", [front_matter.BEGIN, front_matter.END])
