@@ -11,16 +11,10 @@ from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES, Sums
-from pipeline.release.figures import FIGURES
-from pipeline.release.readme import BANNER, picture_path
+from pipeline.release.figures import pictures_of
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
-
-
-def pictures_of(configs: Sequence[str]) -> list[str]:
-    """Return the paths of all pictures on the card of some configs."""
-    return [BANNER, *(picture_path(config, name) for config in configs for name in FIGURES)]
 
 
 def files_of(folder: Path) -> dict[str, Path]:

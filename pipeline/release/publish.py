@@ -17,16 +17,10 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
 
-from huggingface_hub import (
-    CommitOperationAdd,
-    CommitOperationDelete,
-    HfApi,
-    constants,
-    get_token,
-)
+from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.hub import limit_silence
 from pipeline.config.publish import PublishOptions
 from pipeline.config.run import Run
@@ -36,15 +30,7 @@ from pipeline.machinery.console import say, tracked
 from pipeline.release.card import write_card
 from pipeline.release.derived import KINDS as EXPORTS
 from pipeline.release.derived import loading, stage_environment, stage_export
-from pipeline.release.faults import (
-    FAULTS,
-    NO_TOKEN,
-    PublishError,
-    explained,
-    reasons,
-    repeated,
-    status_of,
-)
+from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.provenance import Release
@@ -56,6 +42,7 @@ from pipeline.release.remote import (
     Plan,
     Remote,
     differing,
+    is_unseen,
     number,
 )
 from pipeline.release.verify import verified
@@ -76,7 +63,7 @@ def run(run: Run) -> None:
     options, api = run.options.publish, HfApi()
     first = options.repo_id or options.export or options.env or options.model
     with explained(first):
-        unseen = options.dry_run and _is_unseen(api, first)
+        unseen = options.dry_run and is_unseen(api, first)
     hub = None if unseen else api
     if id_ := options.repo_id:
         with explained(id_):
@@ -101,23 +88,6 @@ def run(run: Run) -> None:
         load = f'load_policy("{id_}", revision="{options.version}")'
         origin = published_dataset(run, hub)
         release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
-
-
-def _is_unseen(api: HfApi, repo_id: str) -> bool:
-    """Return whether the Hub cannot be queried, such as without a token, and print why."""
-    reason = "" if get_token() else "there is no token"
-    try:
-        if not reason:
-            api.repo_exists(repo_id)
-    except (*FAULTS, ConnectionError, NO_TOKEN) as error:
-        if status_of(error) is None:
-            reason = f"{constants.ENDPOINT} does not answer: {one_line(error)}"
-    if reason:
-        say(
-            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
-            "scripts/local_hub starts a Hub on this machine, for rehearsals."
-        )
-    return bool(reason)
 
 
 def _dataset(run: Run, remote: Remote) -> None:

@@ -16,11 +16,12 @@ from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
 from huggingface_hub.utils.sha import git_hash
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.export import CODEBASE_VERSION
 from pipeline.machinery.artifact import HASHES, Sums
-from pipeline.release.faults import PublishError, repeated, status_of
+from pipeline.machinery.console import say
+from pipeline.release.faults import FAULTS, NO_TOKEN, PublishError, repeated, status_of
 
 REFUSED = (401, 403)
 """The HTTP statuses if a token may not create a repository; 401 if it is for another one only."""
@@ -164,8 +165,8 @@ class Remote:
         tree = self.tree(commit) if commit else {}
         add = differing(files, tree)
         keep = [path for path in files if path not in add]
-        others = {path: tree[path] for path in sorted(tree.keys() - set(keep))}
-        ours = self._released(commit, others) if others else set()
+        rest = {path: tree[path] for path in sorted(tree.keys() - set(keep))}
+        ours = self._released(commit, rest) if rest else set()
         return Plan(
             files=files,
             add=add,
@@ -253,3 +254,20 @@ def differing(files: Mapping[str, Path], tree: Mapping[str, str]) -> list[str]:
 def _is_same(local: Path, digest: str) -> bool:
     """Return whether a file has this SHA-256 (64 digits) or this hash of a Git blob."""
     return digest == (file_sha256(local) if len(digest) == 64 else git_hash(local.read_bytes()))
+
+
+def is_unseen(api: HfApi, repo_id: str) -> bool:
+    """Return whether a dry run cannot query the Hub, such as without a token, and print why."""
+    reason = "" if get_token() else "there is no token"
+    try:
+        if not reason:
+            api.repo_exists(repo_id)
+    except (*FAULTS, ConnectionError, NO_TOKEN) as error:
+        if status_of(error) is None:
+            reason = f"{constants.ENDPOINT} does not answer: {one_line(error)}"
+    if reason:
+        say(
+            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
+            "scripts/local_hub starts a Hub on this machine, for rehearsals."
+        )
+    return bool(reason)
