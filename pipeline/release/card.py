@@ -37,8 +37,7 @@ from pipeline.release.files import (
     README,
     write_hashes,
 )
-from pipeline.release.provenance import Release
-from pipeline.release.texts import fill, read
+from pipeline.release.texts import Release, fill, read
 
 NAME = "Labyrinth"
 """The name of the dataset, unless its card has another."""
@@ -132,7 +131,6 @@ def _write_card(
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
     first()
-    (data_dir / PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
         say(f"Not written, because no card wrote them, or they changed since: {', '.join(others)}.")
@@ -163,9 +161,8 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are no longer drawn, and eval.yaml if no questions are left."""
-    picture = re.compile(rf"{PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
-    left = [name for name, _ in own.hashes if picture.fullmatch(name) or name == EVAL]
-    return [name for name in left if name not in files]
+    drawn = tuple(name for name, _ in own.hashes if name.startswith(f"{PICTURES}/"))
+    return [name for name in (*drawn, EVAL) if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:

@@ -22,9 +22,8 @@ from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.release.provenance import Release, command
 from pipeline.release.readme import limits
-from pipeline.release.texts import citation, read
+from pipeline.release.texts import Release, citation, command, read
 
 REPOSITORY = "repo"
 """The id of the repository that contains a release; `mapping={"repo": folder}` makes

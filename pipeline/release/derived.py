@@ -29,9 +29,8 @@ from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
-from pipeline.release.provenance import code, command_lines
 from pipeline.release.remote import LEROBOT, MINARI
-from pipeline.release.texts import citation, fill, paragraph
+from pipeline.release.texts import citation, code, command_lines, fill, paragraph
 
 KINDS = {"lerobot": LEROBOT, "minari": MINARI}
 """Format -> the kind of its repository."""

@@ -33,7 +33,6 @@ from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
-from pipeline.release.provenance import Release
 from pipeline.release.remote import (
     DATASET,
     ENVIRONMENT,
@@ -45,6 +44,7 @@ from pipeline.release.remote import (
     is_unseen,
     number,
 )
+from pipeline.release.texts import Release
 from pipeline.release.verify import verified
 
 

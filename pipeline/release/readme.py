@@ -16,8 +16,7 @@ from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.figures import BANNER, FIGURES, picture_path
-from pipeline.release.provenance import Release, code, command_lines
-from pipeline.release.texts import citation, fill, paragraph
+from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph
 
 
 def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:

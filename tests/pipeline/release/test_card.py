@@ -39,7 +39,7 @@ from pipeline.machinery.artifact import HASHES
 from pipeline.release import card
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
 from pipeline.release.files import files_of
-from pipeline.release.provenance import Release
+from pipeline.release.texts import Release
 
 pytestmark = pytest.mark.slow
 
