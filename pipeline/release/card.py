@@ -161,8 +161,8 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are no longer drawn, and eval.yaml if no questions are left."""
-    drawn = tuple(name for name, _ in own.hashes if name.startswith(f"{PICTURES}/"))
-    return [name for name in (*drawn, EVAL) if name not in files]
+    drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
+    return [name for name in [*drawn, EVAL] if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
