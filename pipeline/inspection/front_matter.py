@@ -189,16 +189,16 @@ def _kind(feature: dict[str, Any]) -> dict[str, Any]:
     return {"dtype": feature.get("dtype", feature["_type"].lower())}
 
 
-def shard_pattern(manifest: Manifest, split: str, name: str | None = None) -> str:
+def shard_pattern(manifest: Manifest, split: str, name: str) -> str:
     """Return a glob pattern that matches a split's shards, but no file left by another build.
 
     Args:
         manifest: The manifest of the shards.
         split: The split.
-        name: The name of the shards' config and folder, if it is not the dataset's.
+        name: The name of the shards' config and folder: the dataset's, or that of its questions.
     """
     first = manifest.of(split)[0].path
-    return f"{name or manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
+    return f"{name}/{split}-*-of-{first.rpartition('-of-')[2]}"
 
 
 def with_generated(text: str, generated: str) -> str:
