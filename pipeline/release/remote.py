@@ -44,7 +44,8 @@ class Kind:
     data: str
     """A regular expression for the paths of data, not of the files that describe it.
 
-    No path of another kind with the same type of repository matches it."""
+    Some path in every SHA256SUMS of this kind matches it, and none in one of another kind.
+    """
     library: str = ""
     """The library that an export is for."""
     newest_tag: str | None = None
