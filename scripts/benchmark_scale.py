@@ -34,7 +34,7 @@ from labyrinth_core.data.manifest import Shard
 from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build
 from pipeline.generation.shard import ShardJob, leave, left
-from pipeline.release.canvas import INK, LINE, MUTED, Sheet
+from pipeline.release.figures import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
 """Size -> shards per split in the second build; at 5x5 enough for a million structures."""

@@ -8,6 +8,7 @@ name, and has its fingerprint, which shows whether the questions match the rows 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import Any, NamedTuple
@@ -66,7 +67,8 @@ def run(run: Run) -> None:
     """
     manifest, folder = Manifest.read(run.folder), run.data_dir / questions_config(run.dataset.name)
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
-    is_other = front_matter.questions_of(run.data_dir, manifest) is None  # Then replace it.
+    found = front_matter.questions_of(run.data_dir, manifest)
+    is_other = found is None or found.config != manifest.config  # Then replace it.
     names = [MANIFEST, *(job.shard.path for job in _jobs(run.folder, manifest, folder))]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
     with produced(folder, key, overwrite=is_other, **rules) as made:
@@ -143,6 +145,7 @@ def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -
     if questions is None:
         return []
     name = manifest.config.name
+    manifest = replace(manifest, config=questions.config)  # It may have more shifts since.
     jobs = _jobs(data_dir / name, manifest, data_dir / questions_config(name))
     pairs = list(zip(jobs, questions.shards, strict=True))
     check = partial(_check, same_bytes=dict(questions.versions) == build_versions())

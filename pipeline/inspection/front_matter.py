@@ -21,6 +21,7 @@ from labyrinth_core.evaluation.questions import (
     question_splits,
     questions_config,
 )
+from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
 """The default config of a folder that has it."""
@@ -59,16 +60,29 @@ def table_config(config: str) -> str:
 
 
 def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
-    """Return the manifest of a dataset's questions; None if missing or made from other rows."""
+    """Return the manifest of a dataset's questions; None if missing or made from other rows.
+
+    They lack shifts that the dataset got after them.
+    """
     folder = data_dir / questions_config(manifest.config.name)
     if not (folder / MANIFEST).is_file():
         return None
-    found, splits = Manifest.read(folder), question_splits(manifest.config)
+    found = Manifest.read(folder)
+    splits, shifts = question_splits(found.config), found.config.shifts
     made_from = [shard for shard in manifest.shards if shard.split in splits]
     same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
         (shard.path, shard.fingerprint) for shard in made_from
     ]
-    return found if same and found.config == manifest.config else None
+    return found if same and found.config == replace(manifest.config, shifts=shifts) else None
+
+
+def asked(manifests: Sequence[Manifest]) -> dict[str, Manifest]:
+    """Return the manifests of the questions about datasets, by the names of their configs."""
+    return {
+        questions_config(manifest.config.name): manifest.questions
+        for manifest in manifests
+        if manifest.questions is not None
+    }
 
 
 def default_config(manifests: list[Manifest]) -> str:
@@ -80,6 +94,8 @@ def default_config(manifests: list[Manifest]) -> str:
 def update(data_dir: AnyPath) -> None:
     """Write the front matter for all finished datasets of a folder; keep the text below it.
 
+    Configs that it no longer lists are printed.
+
     Raises:
         DatasetError: The folder has a README.md that is not a dataset's.
     """
@@ -89,6 +105,11 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
+    there = {config["config_name"] for config in wanted["configs"]}
+    names = [config["config_name"] for config in values.get("configs", [])]
+    if gone := [name for name in names if name not in there]:
+        reason = "missing, or questions about other rows (stages=questions makes them again)"
+        say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
     write_text(path, with_values(wanted, text))
 
@@ -130,10 +151,8 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
         infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
-    for manifest in manifests:
-        if manifest.questions is not None:
-            name, splits = questions_config(manifest.config.name), question_splits(manifest.config)
-            add(manifest.questions, name, QUESTION_COLUMNS, splits)
+    for name, questions in asked(manifests).items():
+        add(questions, name, QUESTION_COLUMNS, question_splits(questions.config))
     return {"configs": configs, "dataset_info": infos}
 
 
@@ -170,16 +189,16 @@ def _kind(feature: dict[str, Any]) -> dict[str, Any]:
     return {"dtype": feature.get("dtype", feature["_type"].lower())}
 
 
-def shard_pattern(manifest: Manifest, split: str, name: str | None = None) -> str:
+def shard_pattern(manifest: Manifest, split: str, name: str) -> str:
     """Return a glob pattern that matches a split's shards, but no file left by another build.
 
     Args:
         manifest: The manifest of the shards.
         split: The split.
-        name: The name of the shards' config and folder, if it is not the dataset's.
+        name: The name of the shards' config and folder: the dataset's, or that of its questions.
     """
     first = manifest.of(split)[0].path
-    return f"{name or manifest.config.name}/{split}-*-of-{first.rpartition('-of-')[2]}"
+    return f"{name}/{split}-*-of-{first.rpartition('-of-')[2]}"
 
 
 def with_generated(text: str, generated: str) -> str:

@@ -1,4 +1,4 @@
-"""The card of a folder of datasets: README.md, Croissant, eval.yaml, pictures, citation and more.
+"""The card of a folder of datasets: README.md, Croissant, eval.yaml, pictures, citation, changelog.
 
 Its numbers are the counts of the datasets and the results of the stage `analyse`; the same data
 give the same bytes.
@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
+from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
+import yaml
+
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.evaluation.questions import question_splits
+from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
@@ -23,7 +28,7 @@ from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
-from pipeline.release.figures import FIGURES, banner
+from pipeline.release.figures import BANNER, FIGURES, PICTURES, banner, picture_path
 from pipeline.release.files import (
     CHANGELOG,
     CITATION,
@@ -32,8 +37,7 @@ from pipeline.release.files import (
     README,
     write_hashes,
 )
-from pipeline.release.provenance import Release
-from pipeline.release.side_files import changelog, citation_file, eval_file
+from pipeline.release.texts import Release, fill, read
 
 NAME = "Labyrinth"
 """The name of the dataset, unless its card has another."""
@@ -57,6 +61,9 @@ ORIGIN = {
 }
 """Where the data are from, in the Hub's words (`huggingface_hub.DatasetCardData`); English is the
 language of the settings in `info`, and of questions. Other values in a card are kept."""
+
+UNRELEASED = "Unreleased"
+"""The heading in CHANGELOG.md of data that no version has yet."""
 
 _BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 """The bounds of the Hub's size categories: thousand, ten thousand and so on."""
@@ -115,16 +122,15 @@ def _write_card(
         **_pictures(datasets, default),
         CHANGELOG: changelog(versions, manifests, release.version).encode(),
         CROISSANT: croissant(datasets, release).encode(),
-        CITATION: citation_file(release).encode(),
+        CITATION: _citation_file(release).encode(),
     }
-    if benchmark := eval_file(manifests, str(values.get("pretty_name", NAME))):
+    if benchmark := _eval_file(manifests, str(values.get("pretty_name", NAME))):
         files[EVAL] = benchmark.encode()
     others = own.others(files)
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
     first()
-    (data_dir / readme.PICTURES).mkdir(exist_ok=True)
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
         say(f"Not written, because no card wrote them, or they changed since: {', '.join(others)}.")
@@ -146,18 +152,17 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
 def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, bytes]:
     """Return all pictures by their paths."""
     shown = next(dataset for dataset in datasets if dataset.name == default)
-    drawn = {readme.BANNER: banner(shown.splits).png()}
+    drawn = {BANNER: banner(shown.splits).png()}
     for dataset in datasets:
         for name, figure in FIGURES.items():
-            drawn[readme.picture_path(dataset.name, name)] = figure.draw(dataset.splits).png()
+            drawn[picture_path(dataset.name, name)] = figure.draw(dataset.splits).png()
     return drawn
 
 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are no longer drawn, and eval.yaml if no questions are left."""
-    picture = re.compile(rf"{readme.PICTURES}/\d+x\d+(?:-\w+)?-\w+\.png", re.ASCII)
-    left = [name for name, _ in own.hashes if picture.fullmatch(name) or name == EVAL]
-    return [name for name in left if name not in files]
+    drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
+    return [name for name in [*drawn, EVAL] if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
@@ -185,3 +190,69 @@ def size_category(rows: int) -> str:
     """Return the Hub's size category for a number of rows (`huggingface_hub.DatasetCardData`)."""
     words = ["n<1K", *(f"{low}<n<{high}" for low, high in pairwise(_BOUNDS)), "n>1T"]
     return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]
+
+
+def _yaml(values: dict[str, Any]) -> str:
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
+
+
+def _citation_file(release: Release) -> str:
+    """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
+    fields = {"version": release.version or "", "url": release.url, "software": __version__}
+    values = yaml.safe_load(fill("CITATION.cff", developers=DEVELOPERS, **fields))
+    if release.licence != front_matter.LICENCE:  # Its SPDX name is unknown, only the Hub's.
+        del values["license"], values["license-url"]
+    if not release.repo_id:
+        del values["url"]
+    return _yaml({name: value for name, value in values.items() if value is not None})
+
+
+def _eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
+    """Return the eval.yaml of a folder of datasets, or None if no dataset has questions.
+
+    The form is from https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
+    inspect-ai runs one task per split with questions as text, and one with pictures.
+
+    Args:
+        manifests: The manifests of all configs.
+        name: The name of the benchmark.
+    """
+    asked = front_matter.asked(manifests)
+    if not asked:
+        return None
+    values = yaml.safe_load(read("eval.yaml"))
+    each, forms = values.pop("each"), values["tasks"]
+    values["tasks"] = [
+        {"id": f"{config}{form}-{split}", "config": config, "split": split}
+        # A copy, or the file would refer to the first task in all others.
+        | deepcopy(own | each)
+        for config, questions in asked.items()
+        for form, own in forms.items()
+        for split in question_splits(questions.config)
+    ]
+    return _yaml({"name": name} | values)
+
+
+def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
+    """Return the changelog with an entry for the datasets of a folder.
+
+    The entry "Unreleased" changes with the data, and becomes the entry of the next version.
+
+    Args:
+        text: The changelog so far; empty if there is no file.
+        manifests: The manifests of all datasets of the folder.
+        version: The version of the release, if it is one.
+    """
+    title, *parts = re.split(r"^## ", text, flags=re.MULTILINE)
+    entries = {heading: body.strip() for heading, _, body in (p.partition("\n") for p in parts)}
+    lines = "\n".join(
+        f"- `{manifest.config.name}`: {sum(shard.rows for shard in manifest.shards):,} rows, "
+        f"fingerprint `{manifest.fingerprint}`"
+        for manifest in manifests
+    )
+    if version is None and lines == next(iter(entries.values()), ""):
+        return text
+    heading = version or UNRELEASED
+    older = {name: body for name, body in entries.items() if name not in (heading, UNRELEASED)}
+    written = (f"## {name}\n\n{body}" for name, body in {heading: lines, **older}.items())
+    return "\n\n".join([title.strip() or read("changelog.md").strip(), *written]) + "\n"

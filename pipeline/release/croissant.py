@@ -11,24 +11,19 @@ so that the same data give the same file.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import TABLE
+from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.questions import (
-    QUESTION_COLUMNS,
-    question_splits,
-    questions_config,
-)
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question_splits
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.release.limits import limits
-from pipeline.release.provenance import Release, command
-from pipeline.release.texts import citation, read
+from pipeline.release.readme import limits
+from pipeline.release.texts import Release, citation, command, read
 
 REPOSITORY = "repo"
 """The id of the repository that contains a release; `mapping={"repo": folder}` makes
@@ -49,6 +44,7 @@ _DATA_TYPES = {
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
     content = json.loads(read("croissant.json"))
+    asked = front_matter.asked([dataset.manifest for dataset in datasets])
     content |= {
         "url": release.url,
         "version": release.version or "0.0.0-unreleased",
@@ -64,7 +60,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             }
             for dataset in datasets
         ],
-        "distribution": _distribution(datasets, release),
+        "distribution": _distribution({d.name: d.manifest for d in datasets} | asked, release),
         "recordSet": [
             *(
                 _split_records(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
@@ -73,13 +69,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             *(_table_records(d.name) for d in datasets),
             *(
                 _split_records(
-                    questions_config(d.name),
-                    QUESTION_COLUMNS,
-                    question_splits(d.manifest.config),
-                    "labyrinth, as a question",
+                    name, QUESTION_COLUMNS, question_splits(made.config), "labyrinth, as a question"
                 )
-                for d in datasets
-                if d.manifest.questions is not None
+                for name, made in asked.items()
             ),
         ],
     }
@@ -90,7 +82,8 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
-def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> list[dict[str, Any]]:
+def _distribution(manifests: Mapping[str, Manifest], release: Release) -> list[dict[str, Any]]:
+    """Return the repository and the files of configs, given the manifest of each."""
     parts: list[dict[str, Any]] = []
     within: dict[str, Any] = {}  # Empty for files beside croissant.json.
     if release.repo_id:
@@ -104,9 +97,6 @@ def _distribution(datasets: Sequence[DatasetStatistics], release: Release) -> li
         }
         parts.append(_part("cr:FileObject", REPOSITORY, **repository))
     form = {"encodingFormat": "application/x-parquet"}
-    manifests = {dataset.name: dataset.manifest for dataset in datasets}
-    asked = {questions_config(d.name): d.manifest.questions for d in datasets}
-    manifests |= {name: manifest for name, manifest in asked.items() if manifest is not None}
     for name, manifest in manifests.items():
         description = f"The Parquet files of {name}."
         splits = dict.fromkeys(shard.split for shard in manifest.shards)

@@ -29,9 +29,8 @@ from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
-from pipeline.release.plan import LEROBOT, MINARI
-from pipeline.release.provenance import code, command_lines
-from pipeline.release.texts import citation, fill, paragraph
+from pipeline.release.remote import LEROBOT, MINARI
+from pipeline.release.texts import citation, code, command_lines, fill, paragraph
 
 KINDS = {"lerobot": LEROBOT, "minari": MINARI}
 """Format -> the kind of its repository."""
@@ -142,7 +141,7 @@ def _card(
     id_ = f"{group}/{run.dataset.name}/{split}-v{VERSION}"
     text = fill(
         "export.md",
-        library=KINDS[format_].name,
+        library=KINDS[format_].library,
         config=run.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
@@ -167,7 +166,7 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
         licence: The licence of the dataset.
         repo_id: The id of the dataset on the Hub, if it has one.
     """
-    library = KINDS[format_].name
+    library = KINDS[format_].library
     values: dict[str, Any] = {
         "license": licence,
         "pretty_name": f"Labyrinth, for {library}",

@@ -11,31 +11,23 @@ from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES, Sums
-from pipeline.release.figures import FIGURES
-from pipeline.release.plan import DATASET, Kind
-from pipeline.release.readme import BANNER, picture_path
+from pipeline.release.figures import pictures_of
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
 CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
 
 
-def pictures_of(configs: Sequence[str]) -> list[str]:
-    """Return the paths of all pictures on the card of some configs."""
-    return [BANNER, *(picture_path(config, name) for config in configs for name in FIGURES)]
-
-
-def files_of(kind: Kind, folder: Path) -> dict[str, Path]:
+def files_of(folder: Path) -> dict[str, Path]:
     """Return the files of a release by their paths on the Hub.
 
     Args:
-        kind: The kind of the repository.
         folder: A folder of datasets; or one that holds only the files of the release.
 
     Raises:
         DatasetError: An analysis is damaged, or another program wrote SHA256SUMS.
     """
-    if kind is DATASET:
-        names = _published(Sums.read(folder), front_matter.finished(folder))
+    if manifests := front_matter.finished(folder):
+        names = _published(Sums.read(folder), manifests)
     else:
         files = (path for path in sorted(folder.rglob("*")) if path.is_file())
         names = [path.relative_to(folder).as_posix() for path in files]

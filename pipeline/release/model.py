@@ -35,10 +35,8 @@ from pipeline.config.run import Run
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.faults import PublishError, explained
-from pipeline.release.plan import DATASET
-from pipeline.release.provenance import code
-from pipeline.release.remote import Remote
-from pipeline.release.texts import citation, fill, paragraph
+from pipeline.release.remote import DATASET, Remote
+from pipeline.release.texts import citation, code, fill, paragraph
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import logging
 import os
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import partial
 from pathlib import Path
@@ -33,9 +33,18 @@ from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
-from pipeline.release.plan import DATASET, ENVIRONMENT, MODEL, Kind, Plan, make_plan
-from pipeline.release.provenance import Release
-from pipeline.release.remote import Remote, UnseenRemote, number, why_unseen
+from pipeline.release.remote import (
+    DATASET,
+    ENVIRONMENT,
+    MODEL,
+    Kind,
+    Plan,
+    Remote,
+    differing,
+    is_unseen,
+    number,
+)
+from pipeline.release.texts import Release
 from pipeline.release.verify import verified
 
 
@@ -52,11 +61,13 @@ def run(run: Run) -> None:
     limit_silence()
     disable_progress_bars()  # The client has one per file; we show one for all.
     options, api = run.options.publish, HfApi()
-    unseen = options.dry_run and _is_unseen(api, options)
-    remote_of, hub = (UnseenRemote, None) if unseen else (Remote, api)
+    first = options.repo_id or options.export or options.env or options.model
+    with explained(first):
+        unseen = options.dry_run and is_unseen(api, first)
+    hub = None if unseen else api
     if id_ := options.repo_id:
         with explained(id_):
-            _dataset(run, remote_of(api, id_, DATASET))
+            _dataset(run, Remote(api, id_, DATASET, unseen))
 
     def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
         """Release the files that `stage` writes into a folder, and print how to load them."""
@@ -64,8 +75,8 @@ def run(run: Run) -> None:
             folder = Path(place)
             stage(folder)
             Sums.of(folder).write()
-            if _release(remote_of(api, repo_id, kind), options, folder, nullcontext(folder)):
-                say(load)
+            remote = Remote(api, repo_id, kind, unseen)
+            _release(remote, options, folder, nullcontext(folder), load)
 
     if id_ := options.export:
         kind = EXPORTS[run.options.export.format]
@@ -79,47 +90,26 @@ def run(run: Run) -> None:
         release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
 
 
-def _is_unseen(api: HfApi, options: PublishOptions) -> bool:
-    """Return whether the Hub cannot be queried, and print why."""
-    given = options.repo_id or options.export or options.env or options.model
-    with explained(given):
-        reason = why_unseen(api, given)
-    if reason:
-        say(
-            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
-            "scripts/local_hub starts a Hub on this machine, for rehearsals."
-        )
-    return bool(reason)
-
-
 def _dataset(run: Run, remote: Remote) -> None:
     """Release all finished datasets of a folder with their card, and print how to load them."""
     manifests = front_matter.finished(run.local_dir)
     if not manifests:
         reason = "holds no finished dataset: labyrinth-datasets makes one"
         raise PublishError(f"{run.local_dir} {reason}")
-    options = run.options.publish
-    if _release(remote, options, run.local_dir, _carded(run, remote)):
-        config = front_matter.default_config(manifests)
-        say(f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
+    options, config = run.options.publish, front_matter.default_config(manifests)
+    load = f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")'
+    _release(remote, options, run.local_dir, _carded(run, remote), load)
 
 
 @contextmanager
 def _carded(run: Run, remote: Remote) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, a temporary copy of it."""
     options = run.options.publish
-
-    def create() -> None:
-        """Create the repository before the card is written, as the token may not be allowed to."""
-        if not options.dry_run and not remote.exists():
-            remote.create(private=options.private)
-
-    def card(folder: Path) -> None:
-        release = Release(options.repo_id, options.version, options.export or None)
-        write_card(folder, release, workers=run.options.workers, first=create)
-
+    release = Release(options.repo_id, options.version, options.export or None)
+    card = partial(write_card, release=release, workers=run.options.workers)
     if not options.dry_run:
-        card(run.local_dir)
+        # The repository comes before the card is written, as the token may not be allowed to.
+        card(run.local_dir, first=partial(remote.create, private=options.private))
         yield run.local_dir
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
@@ -142,35 +132,35 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
 
 
 def _release(
-    remote: Remote, options: PublishOptions, folder: Path, staged: AbstractContextManager[Path]
-) -> bool:
-    """Release files, and return whether they are released and tagged now.
+    remote: Remote,
+    options: PublishOptions,
+    folder: Path,
+    staged: AbstractContextManager[Path],
+    load: str,
+) -> None:
+    """Release files.
 
     Args:
         remote: The repository.
         options: The options of the release.
         folder: The folder with the files as they are, which may be published already.
         staged: Yields the folder with the files of this release; used unless they are published.
+        load: The line that loads the release, to print at the end.
     """
     exists = remote.exists()
     # Before the card is written, which could describe a version that is already taken.
-    done = exists and _is_published(folder, remote, options)
-    if not done:
+    if not (exists and _is_published(folder, remote, options)):
         with staged as ready:
-            done = _commit_and_tag(ready, remote, options, exists)
-    if not done or options.dry_run:
-        return False
-    _follow(remote, options.version)
-    return True
-
-
-def _follow(remote: Remote, version: str) -> None:
-    """Move the tag from which a library reads the newest release, if the kind has such a tag."""
+            _commit_and_tag(ready, remote, options, exists)
+    if options.dry_run:
+        return
     if tag := remote.kind.newest_tag:
         versions = remote.versions()
-        if version == max(versions, key=number):
-            remote.move_tag(tag, versions[version])
-            say(f"tagged {tag}, as the newest release, at {versions[version][:12]}.")
+        if options.version == max(versions, key=number):
+            commit = versions[options.version]
+            remote.move_tag(tag, commit)
+            say(f"tagged {tag}, as the newest release, at {commit[:12]}.")
+    say(load)
 
 
 def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
@@ -189,28 +179,28 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
                 "choose a later version"
             )
         return False
-    plan = _plan(remote, files_of(remote.kind, folder), tagged)
-    if plan.data:
+    changed = remote.plan(files_of(folder), tagged).changed
+    if data := [path for path in changed if remote.kind.is_data(path)]:
         raise PublishError(
             f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
-            f"({plan.data[0]}): choose another publish.version"
+            f"({data[0]}): choose another publish.version"
         )
-    card = "" if plan.is_done else ", with a different card"
+    card = ", with a different card" if changed else ""
     say(f"{options.version} is published already, at {tagged[:12]}{card}.")
     return True
 
 
-def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> bool:
-    """Commit, verify and tag a folder, and return True; in a dry run, print and return False.
+def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> None:
+    """Commit, verify and tag a folder; in a dry run, only print the plan.
 
     Raises:
         PublishError: The Hub refuses, or does not hold afterwards what was sent.
     """
-    if not exists and not options.dry_run:
+    if not options.dry_run:
         remote.create(private=options.private)
     head = remote.commit("main") if exists or not options.dry_run else ""
-    files = files_of(remote.kind, folder)
-    plan = _plan(remote, files, head)
+    files = files_of(folder)
+    plan = remote.plan(files, head)
     if plan.others and not remote.is_new(head):
         raise PublishError(
             f"{remote.repo_id} holds files that no release of this kind wrote, or changed since "
@@ -221,19 +211,12 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
         say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
     if options.dry_run:
-        return False
-    if not plan.is_done:
+        return
+    if plan.changed:
         head = _commit(remote, f"Release {options.version}", plan, head)
-    say(verified(remote.repo_id, head, folder, remote.kind))
+    say(verified(remote.repo_id, head, folder, remote.kind.repo_type))
     remote.tag(options.version, head)
     say(f"tagged {options.version} at {head[:12]}.")
-    return True
-
-
-def _plan(remote: Remote, files: Mapping[str, Path], commit: str) -> Plan:
-    """Return the changes that give a commit these files; `commit` is empty if none exists."""
-    tree = remote.tree(commit) if commit else {}
-    return make_plan(remote.kind, files, tree, partial(remote.released, commit))
 
 
 def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: bool) -> None:
@@ -277,9 +260,9 @@ def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
             head = remote.commit("main")
             if head == parent:
                 raise
-            if make_plan(plan.kind, plan.files, remote.tree(head)).is_done:
-                return head
-            raise PublishError(reasons(remote.repo_id)[412]) from error
+            if differing(plan.files, remote.tree(head)):
+                raise PublishError(reasons(remote.repo_id)[412]) from error
+            return head
         return str(info.oid)
 
     return repeated(commit)

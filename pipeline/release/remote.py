@@ -1,4 +1,7 @@
-"""A repository on the Hugging Face Hub: its files, its tags, and who may change it."""
+"""A repository on the Hugging Face Hub: its files, its tags, and what a release changes in it.
+
+Repositories are of five kinds: datasets, exports in two formats, models (policies), environments.
+"""
 
 from __future__ import annotations
 
@@ -7,15 +10,18 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from huggingface_hub import HfApi, RepoFile, constants, get_token
 from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
+from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.storage import file_sha256
+from pipeline.config.export import CODEBASE_VERSION
 from pipeline.machinery.artifact import HASHES, Sums
+from pipeline.machinery.console import say
 from pipeline.release.faults import FAULTS, NO_TOKEN, PublishError, repeated, status_of
-from pipeline.release.plan import Kind
 
 REFUSED = (401, 403)
 """The HTTP statuses if a token may not create a repository; 401 if it is for another one only."""
@@ -30,12 +36,68 @@ def number(version: str) -> list[int]:
 
 
 @dataclass(frozen=True)
+class Kind:
+    """A kind of repository, and which files a release has in it."""
+
+    repo_type: Literal["dataset", "model"]
+    """The Hub's type of the repository."""
+    data: str
+    """A regular expression for the paths of data, not of the files that describe it.
+
+    Some path in every SHA256SUMS of this kind matches it, and none in one of another kind.
+    """
+    library: str = ""
+    """The library that an export is for."""
+    newest_tag: str | None = None
+    """A tag, beside the one of each version, that moves to the newest release on `main`."""
+
+    def is_data(self, path: str) -> bool:
+        """Return whether a path is data, and not part of the card."""
+        return re.fullmatch(self.data, path, re.ASCII) is not None
+
+
+DATASET = Kind(
+    "dataset",
+    data=r"\d+x\d+(-\w+){0,2}/(manifest\.json|labyrinths\.parquet|\w+-\d{5,}-of-\d{5,}\.parquet)",
+)
+LEROBOT = Kind("dataset", r"(data|meta)/.+", "LeRobot", newest_tag=CODEBASE_VERSION)
+MINARI = Kind("dataset", r"[^/]+/[^/]+/data/.+", "Minari")
+MODEL = Kind("model", r"config\.json|model\.safetensors")
+ENVIRONMENT = Kind("model", r"env\.py")
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The changes that a release would make."""
+
+    files: Mapping[str, Path]
+    """All files of the release, by their path on the Hub."""
+    add: list[str]
+    keep: list[str]
+    delete: list[str]
+    others: list[str]
+    """Paths in `add` where the Hub holds a file that no release wrote."""
+
+    @property
+    def bytes(self) -> int:
+        """The number of bytes to send."""
+        return sum(self.files[path].stat().st_size for path in self.add)
+
+    @property
+    def changed(self) -> list[str]:
+        """The paths to add or delete."""
+        return [*self.add, *self.delete]
+
+
+@dataclass(frozen=True)
 class Remote:
     """A repository on the Hub, which need not exist yet."""
 
     api: HfApi
     repo_id: str
     kind: Kind
+    is_unseen: bool = False
+    """Whether a dry run cannot query the Hub, and treats the repository as not existing yet."""
 
     def _call(self, method: str, **options: Any) -> Any:
         """Return the result of an idempotent method of the client for the repository."""
@@ -49,6 +111,8 @@ class Remote:
             PublishError: There is no token.
             HfHubHTTPError: The token may not write to the repository.
         """
+        if self.is_unseen:
+            return False
         if not get_token():
             raise PublishError(
                 "there is no Hub token: set HF_TOKEN, or run `hf auth login`, "
@@ -60,11 +124,13 @@ class Remote:
         return there
 
     def create(self, *, private: bool) -> None:
-        """Create the repository.
+        """Create the repository, unless it exists.
 
         Raises:
             PublishError: The token may not create it.
         """
+        if self.exists():
+            return
         try:
             self._call("create_repo", private=private, exist_ok=True)
         except HfHubHTTPError as error:
@@ -90,8 +156,30 @@ class Remote:
             if isinstance(entry, RepoFile)
         }
 
-    def released(self, commit: str, files: Mapping[str, str]) -> set[str]:
+    def plan(self, files: Mapping[str, Path], commit: str) -> Plan:
+        """Return what to change so that the Hub holds these files.
+
+        Args:
+            files: The local files by their path on the Hub.
+            commit: The commit to change; empty if none exists.
+        """
+        tree = self.tree(commit) if commit else {}
+        add = differing(files, tree)
+        keep = [path for path in files if path not in add]
+        rest = {path: tree[path] for path in sorted(tree.keys() - set(keep))}
+        ours = self._released(commit, rest) if rest else set()
+        return Plan(
+            files=files,
+            add=add,
+            keep=keep,
+            delete=sorted(ours - files.keys()),
+            others=[path for path in add if path in tree and path not in ours],
+        )
+
+    def _released(self, commit: str, files: Mapping[str, str]) -> set[str]:
         """Return the files of a commit that a release wrote, unchanged since by its SHA256SUMS.
+
+        Others are neither replaced nor deleted.
 
         Args:
             commit: The commit.
@@ -102,7 +190,7 @@ class Remote:
         except (EntryNotFoundError, DatasetError):  # It is missing or not ours.
             return set()
         listed = {name for name, _ in own.hashes}
-        if not any(re.fullmatch(self.kind.listed, name) for name in listed):
+        if not any(map(self.kind.is_data, listed)):
             return set()  # It is of a repository of another kind.
         for path in files:
             if path in listed and len(files[path]) != 64:  # Its hash is Git's.
@@ -159,26 +247,28 @@ class Remote:
         self.tag(tag, commit)
 
 
-class UnseenRemote(Remote):
-    """A repository that a dry run cannot query, and treats as not existing yet."""
-
-    def exists(self) -> bool:
-        """Return False."""
-        return False
+def differing(files: Mapping[str, Path], tree: Mapping[str, str]) -> list[str]:
+    """Return the paths of local files that a tree, as from `Remote.tree`, does not hold."""
+    return [path for path in files if path not in tree or not _is_same(files[path], tree[path])]
 
 
-def why_unseen(api: HfApi, repo_id: str) -> str:
-    """Return why a dry run cannot query the Hub, such as a missing token; empty if it can.
+def _is_same(local: Path, digest: str) -> bool:
+    """Return whether a file has this SHA-256 (64 digits) or this hash of a Git blob."""
+    return digest == (file_sha256(local) if len(digest) == 64 else git_hash(local.read_bytes()))
 
-    Args:
-        api: The Hub's client.
-        repo_id: A repository to ask for.
-    """
-    if not get_token():
-        return "there is no token"
+
+def is_unseen(api: HfApi, repo_id: str) -> bool:
+    """Return whether a dry run cannot query the Hub, such as without a token, and print why."""
+    reason = "" if get_token() else "there is no token"
     try:
-        api.repo_exists(repo_id)
+        if not reason:
+            api.repo_exists(repo_id)
     except (*FAULTS, ConnectionError, NO_TOKEN) as error:
         if status_of(error) is None:
-            return f"{constants.ENDPOINT} does not answer: {one_line(error)}"
-    return ""
+            reason = f"{constants.ENDPOINT} does not answer: {one_line(error)}"
+    if reason:
+        say(
+            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
+            "scripts/local_hub starts a Hub on this machine, for rehearsals."
+        )
+    return bool(reason)

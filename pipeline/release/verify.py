@@ -2,7 +2,7 @@
 
 The clients of the Hub silently fall back on cached files, so the verification runs in its own
 process with its own cache:
-`python -m pipeline.release.verify REPO COMMIT FOLDER KIND`.
+`python -m pipeline.release.verify REPO COMMIT FOLDER TYPE`, with the Hub's type of the repository.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-from huggingface_hub import HfApi, get_token, hf_hub_download
+from huggingface_hub import get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -28,13 +28,12 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import open_shard
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.ending import end_with_parent
 from pipeline.release.faults import PublishError, repeated
 from pipeline.release.files import files_of
-from pipeline.release.plan import DATASET, KINDS, MODEL, Kind, make_plan
-from pipeline.release.remote import Remote
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)
 """The names of environment variables that move the caches of the Hub's clients."""
@@ -52,7 +51,7 @@ ROWS_COMPARED = 500
 
 
 def verified(
-    repo_id: str, commit: str, folder: Path, kind: Kind, patience: float = PATIENCE
+    repo_id: str, commit: str, folder: Path, repo_type: str, patience: float = PATIENCE
 ) -> str:
     """Verify a release in a process with an empty cache, and return the line to print.
 
@@ -62,8 +61,8 @@ def verified(
     say(f"verifying {commit[:12]} from an empty cache ...")
     failed = f"the verification of {commit[:12]} failed, so it is not tagged"
     command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
-    command += [str(folder.resolve()), kind.name]
-    total = sum(path.stat().st_size for path in files_of(kind, folder).values())
+    command += [str(folder.resolve()), repo_type]
+    total = sum(path.stat().st_size for path in files_of(folder).values())
     with tempfile.TemporaryDirectory(prefix="labyrinth-verify-") as place:
         output, home = Path(place, "output.txt"), Path(place, "home")
         with (
@@ -133,25 +132,16 @@ def _environment(home: Path) -> dict[str, str]:
     return kept | own | {"USE_TORCH": "0"}  # Or `datasets` would import torch.
 
 
-def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
+def verify(repo_id: str, commit: str, folder: Path, repo_type: str) -> str:
     """Compare a commit with a folder, file by file, and load it; return what was verified.
 
     Raises:
         DatasetError: The Hub returns something else than was published, or nothing.
     """
-    files = files_of(kind, folder)
-    try:
-        plan = make_plan(kind, files, Remote(HfApi(), repo_id, kind).tree(commit))
-    except HTTPError as error:
-        raise DatasetError(f"its files cannot be listed: {one_line(error)}") from error
-    if not plan.is_done:
-        differing = [*plan.add, *plan.delete][0]
-        raise DatasetError(f"{differing} on the Hub is not what was published")
+    files = files_of(folder)
     for name, path in files.items():
         _tell(name)
-        download = partial(
-            hf_hub_download, repo_id, name, repo_type=kind.repo_type, revision=commit
-        )
+        download = partial(hf_hub_download, repo_id, name, repo_type=repo_type, revision=commit)
         try:
             there = Path(repeated(download))
         except (OSError, HTTPError) as error:
@@ -159,11 +149,11 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
         if file_sha256(there) != file_sha256(path):
             raise DatasetError(f"{name} is not the one that was published")
     told = f"verified {commit[:12]}: {len(files)} files are those published"
-    if kind is DATASET:
+    if manifests := front_matter.finished(folder):
         from datasets.exceptions import DatasetsError
 
         faults = (OSError, ValueError, HTTPError, DatasetsError)
-        for manifest in front_matter.finished(folder):
+        for manifest in manifests:
             check = partial(check_config, repo_id, commit, manifest, folder)
             try:
                 repeated(check, faults, lambda _: True)
@@ -171,7 +161,7 @@ def verify(repo_id: str, commit: str, folder: Path, kind: Kind) -> str:
                 reason = one_line(error.__cause__ or error)
                 raise DatasetError(f"{manifest.config.name} cannot be loaded: {reason}") from error
         return f"{told}, and every config loads, plain and streaming."
-    if kind is MODEL:
+    if WEIGHTS in files:
         load_policy(repo_id, revision=commit)
         return f"{told}, and the policy loads."
     return f"{told}."
@@ -231,12 +221,12 @@ def _first_rows(folder: Path, pattern: str) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Verify the release that the command line names, and exit with 0 on success, else 1."""
-    repo_id, commit, folder, kind = sys.argv[1:]
+    repo_id, commit, folder, repo_type = sys.argv[1:]
     end_with_parent(os.getppid())
     limit_silence()
     status = 0
     try:
-        _tell(verify(repo_id, commit, Path(folder), KINDS[kind]))
+        _tell(verify(repo_id, commit, Path(folder), repo_type))
     except DatasetError as error:
         _tell(str(error))
         status = 1

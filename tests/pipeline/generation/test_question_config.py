@@ -107,7 +107,14 @@ def test_the_questions_are_validated(copied, capsys):
     ]
 
 
-def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, build):
+def listed_splits(readme: Path) -> list[str] | None:
+    """Return the splits of the questions in a front matter, None if it does not list them."""
+    configs = yaml.safe_load(readme.read_text().split("---\n")[1])["configs"]
+    found = {each["config_name"]: [f["split"] for f in each["data_files"]] for each in configs}
+    return found.get(f"{NAME}-questions")
+
+
+def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, build, capsys):
     card.run(copied)
     readme = copied.data_dir / "README.md"
     assert all(f"| `{column.name}` |" in readme.read_text() for column in QUESTION_COLUMNS)
@@ -121,8 +128,13 @@ def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, b
     assert {task["id"] for task in benchmark["tasks"]} == {
         f"{NAME}-questions{form}-{split}" for form in ("", "-pictures") for split in SPLITS
     }
-    build(copied.data_dir, labyrinths=5, grow=True, **OPTIONS)
-    assert f"{NAME}-questions" not in readme.read_text().split("---\n")[1]
+    more = OPTIONS | {"shifts": (*SHIFTS, "thin_walls")}
+    build(copied.data_dir, labyrinths=4, grow=True, **more)
+    assert listed_splits(readme) == SPLITS
+    assert "no longer lists" not in capsys.readouterr().out
+    build(copied.data_dir, labyrinths=5, grow=True, **more)
+    assert listed_splits(readme) is None
+    assert f"no longer lists {NAME}-questions: " in capsys.readouterr().out
     grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
     questions.run(grown)
     assert f"{NAME}-questions" in readme.read_text().split("---\n")[1]

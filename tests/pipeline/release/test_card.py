@@ -37,12 +37,9 @@ from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import card
-from pipeline.release.canvas import picture_with_route
-from pipeline.release.figures import FIGURES
-from pipeline.release.files import files_of, pictures_of
-from pipeline.release.plan import DATASET
-from pipeline.release.provenance import Release
-from pipeline.release.side_files import changelog
+from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
+from pipeline.release.files import files_of
+from pipeline.release.texts import Release
 
 pytestmark = pytest.mark.slow
 
@@ -388,7 +385,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
-    assert not {*FOREIGN} & {*files_of(DATASET, folder)}
+    assert not {*FOREIGN} & {*files_of(folder)}
 
 
 def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_alone(folder):
@@ -450,7 +447,7 @@ def test_an_analysis_of_other_rows_is_neither_shown_nor_published(folder):
     (folder / DEFAULT / ANALYSIS).write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
     card.write_card(folder)
     assert "walls to the nearest" not in text(folder)
-    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(DATASET, folder)
+    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(folder)
 
 
 @pytest.mark.parametrize("mark", [front_matter.BEGIN, front_matter.END])
@@ -525,17 +522,17 @@ def manifests(folder: Path, *names: str) -> list[Manifest]:
 
 def test_a_version_takes_the_place_of_unreleased_and_older_entries_stay(carded):
     content = (carded / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert content == changelog("", manifests(carded, DEFAULT, OTHER), None)
+    assert content == card.changelog("", manifests(carded, DEFAULT, OTHER), None)
     for manifest in manifests(carded, DEFAULT, OTHER):
         assert f"`{manifest.fingerprint}`" in content
-    first = changelog("", manifests(carded, DEFAULT), None)
+    first = card.changelog("", manifests(carded, DEFAULT), None)
     assert re.findall(r"^## (.*)$", first, re.MULTILINE) == ["Unreleased"]
-    released = changelog(first, manifests(carded, DEFAULT), "1.0.0")
+    released = card.changelog(first, manifests(carded, DEFAULT), "1.0.0")
     assert released == first.replace("Unreleased", "1.0.0")
-    assert changelog(released, manifests(carded, DEFAULT), None) == released
-    assert changelog(released, manifests(carded, DEFAULT), "1.0.0") == released
-    longer = changelog(released, manifests(carded, DEFAULT, OTHER), None)
+    assert card.changelog(released, manifests(carded, DEFAULT), None) == released
+    assert card.changelog(released, manifests(carded, DEFAULT), "1.0.0") == released
+    longer = card.changelog(released, manifests(carded, DEFAULT, OTHER), None)
     assert re.findall(r"^## (.*)$", longer, re.MULTILINE) == ["Unreleased", "1.0.0"]
     assert longer.endswith(released[released.index("## 1.0.0") :])
-    second = changelog(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
+    second = card.changelog(longer, manifests(carded, DEFAULT, OTHER), "1.1.0")
     assert re.findall(r"^## (.*)$", second, re.MULTILINE) == ["1.1.0", "1.0.0"]

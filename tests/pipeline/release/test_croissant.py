@@ -16,7 +16,7 @@ from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import file_sha256
 from pipeline.release import card
-from pipeline.release.provenance import Release
+from pipeline.release.texts import Release
 
 pytestmark = [
     pytest.mark.slow,
