@@ -13,7 +13,6 @@ from typing import Any
 
 import pytest
 import torch
-from tampering import content_of
 
 import pipeline.training
 from labyrinth_core.data.errors import DatasetError
@@ -162,19 +161,6 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
         (folder / name).unlink()
 
 
-def test_a_run_of_an_earlier_version_which_has_no_list_is_refused(
-    run_of: Callable[..., Run],
-) -> None:
-    run = run_of()
-    train.run(run)
-    (run.training_folder / HASHES).unlink()
-    before = content_of(run.training_folder)
-    for options in ({}, {"overwrite": True}):
-        with pytest.raises(DatasetError, match=f"{CURVES}, {POLICY}, {RECORD}, which would be lo"):
-            train.run(run_of(**options))
-    assert content_of(run.training_folder) == before
-
-
 @pytest.mark.parametrize(
     "content",
     [
@@ -249,8 +235,6 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
 @pytest.mark.parametrize(
     ("options", "told"),
     [
-        ({"method": {"name": "magic"}}, "method=magic"),
-        ({"method": {"name": "loop"}}, "method=loop"),
         ({"method": {"epochs": 0}}, "method.epochs=0: give a whole number, 1 or more"),
         ({"method": {"learning_rate": "x"}}, "method.learning_rate=x: give a number"),
         ({"method": {"speed": 1}}, "method.speed is not an option: choose from [method.epochs"),
