@@ -299,14 +299,6 @@ def test_options_are_frozen_as_are_their_groups() -> None:
             each.train = 1  # type: ignore[attr-defined]
 
 
-@pytest.mark.slow
-def test_hydra_composes_what_resolve_takes() -> None:
-    run = composed("task=icy_floor", "size=4x6", "seed=3")
-    assert run.options.stages[:2] == ("build", "validate")
-    assert set(run.options.stages) <= set(STAGES)
-    assert run.dataset == dataset(size="4x6", seed=3, task="icy_floor")
-
-
 WRONG_KINDS: dict[str, list[Any]] = {
     "height": [None, "5", 5.0, True, -5, 0, 300, 10**30],
     "width": [None, "5", 1],

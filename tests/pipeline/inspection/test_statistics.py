@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import combinations
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -13,12 +12,12 @@ from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed,
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import distances, shortest_routes
-from pipeline.inspection.statistics import count_dataset, statistics_of
+from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
 
@@ -99,14 +98,6 @@ def test_shards_and_workers_change_nothing(carded, tmp_path):
         one, other = vars(counts), vars(whole.splits[split])
         assert one.pop("returned") == pytest.approx(other.pop("returned"))
         np.testing.assert_equal(one, other)
-
-
-def test_the_certificate_of_a_dataset_that_was_built_is_clean(carded):
-    for name in (DEFAULT, OTHER):
-        certificate = measured(carded / name).certificate
-        assert list(certificate.problems()) == []
-        pairs = [(pair.first, pair.second) for pair in certificate.pairs]
-        assert pairs == list(combinations(SAMPLED_SPLITS, 2))
 
 
 def other_than_its_image(folder):
@@ -193,10 +184,3 @@ def test_shards_that_are_damaged_or_make_no_episodes_are_refused_in_one_line(
     with pytest.raises(DatasetError, match=message) as caught:
         measured(folder / DEFAULT)
     assert "\n" not in str(caught.value)
-
-
-def test_a_damaged_shard_is_found_where_it_is_counted(folder):
-    path = shard(folder / DEFAULT, "s0")
-    path.write_bytes(path.read_bytes() + b" ")
-    with pytest.raises(DatasetError, match="is damaged"):
-        statistics_of(folder, "card")
