@@ -45,7 +45,7 @@ def run_with(folder: Path, stage: str, *arguments: str) -> subprocess.CompletedP
 BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"]
 
 
-@pytest.mark.parametrize("seeds", ["0", "1", "2", "3", "4", "0,1,2,3,4"])
+@pytest.mark.parametrize("seeds", ["0", "0,1,2,3,4"])
 def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(tmp_path: Path, seeds: str) -> None:
     stage = f"raise ({', '.join(BUGS)})[run.options.seed]('my own')"
     sweep = ["-m"] if "," in seeds else []
@@ -200,17 +200,3 @@ def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Ru
     shutil.copytree(small_dataset.data_dir, tmp_path / "data")
     for named in ([], ["size=3"]):
         assert run(tmp_path, "data_dir=data", "stages=report", *named).returncode == 0
-
-
-@pytest.mark.parametrize("name", ["a [5x5]", "a::b", "a b"])
-def test_the_line_that_loads_a_dataset_works_wherever_it_was_made(
-    tmp_path: Path, name: str
-) -> None:
-    folder = tmp_path / name
-    folder.mkdir()
-    made = run(folder, "size=2x3", "labyrinths=1", "stages=build")
-    (line,) = re.findall(r"^To load it: (.*)$", made.stdout, re.MULTILINE)
-    program = f"from datasets import *; from labyrinth_core import *; assert len({line})"
-    environment = os.environ | {"HF_HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
-    loaded = subprocess.run([python(), "-c", program], cwd=folder, env=environment, check=False)
-    assert loaded.returncode == 0

@@ -43,6 +43,11 @@ def content_of(folder: Path) -> dict[str, bytes]:
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
 
+def cut_short(path: Path) -> None:
+    """Remove the last byte of a file."""
+    path.write_bytes(path.read_bytes()[:-1])
+
+
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
     """Return what shows that the shards in a folder have not been written again, by their names."""
     return {

@@ -76,7 +76,6 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     ({"size": "300"}, ["size=300", "299 rows and columns"]),
     ({"size": "2x1000"}, ["size=2x1000", "299 rows and columns"]),
     ({"labyrinths": 0}, ["labyrinths=0", "1 or more"]),
-    ({"labyrinths": -3}, ["labyrinths=-3", "1 or more"]),
     ({"solutions": "longest"}, ["solutions=longest", "[shortest, all_shortest, all]"]),
     ({"solutions": ""}, ["solutions=: ", "[shortest, all_shortest, all]"]),
     ({"solutions_limit": 0}, ["solutions_limit=0", "from 1 to 10**9"]),

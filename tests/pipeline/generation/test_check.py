@@ -27,7 +27,6 @@ from tampering import (
     with_a_wall_opened,
 )
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
@@ -257,12 +256,12 @@ ALONE: list[tuple[str, Change]] = [
 """The file and the change of which validation names one problem and no other."""
 
 WITH_OTHERS: list[tuple[str, Change]] = [
-    *((OTHER, put(1, "actions", value)) for value in (-2, 4, 2**62, -(2**63))),
+    *((OTHER, put(1, "actions", value)) for value in (4, -(2**63))),
     (OTHER, put(1, "actions", -1)),
     (OTHER, put(2, "episode_starts", True)),
     (OTHER, put(0, "episode_starts", False)),
     *((OTHER, put(2, "bytes", saved_by_pillow(mode))) for mode in ("RGBA", "P")),
-    *((OTHER, a_moved_episode_start(distance)) for distance in (-2, -1, 1, 2)),
+    *((OTHER, a_moved_episode_start(distance)) for distance in (-1, 1)),
     (OTHER, a_wall_opened_in_the_text),
     (TRAIN, a_labyrinth_of_another_size),
     (TRAIN, a_labyrinth_of_another_task),
@@ -386,8 +385,3 @@ def test_the_stage_raises_all_it_found_and_shows_the_first(
     lines = str(caught.value).splitlines()
     assert len(lines) == validation.PROBLEMS_SHOWN + 2
     assert lines[-1] == f"  and {len(rows) - validation.PROBLEMS_SHOWN} more"
-
-
-def test_the_stage_needs_a_dataset(tmp_path: Path, make_run: Callable[..., Run]) -> None:
-    with pytest.raises(DatasetError, match="holds no finished dataset"):
-        validation.run(make_run(tmp_path, stages=["validate"]))

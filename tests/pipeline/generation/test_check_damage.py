@@ -179,6 +179,7 @@ def test_a_manifest_that_says_something_else_of_a_shard_is_found(folder: Path) -
         ("random_steps", 31),
         ("height", 4),
         ("task", "icy_floor"),
+        ("goals", "varied"),
         ("buckets", [20, 40, 40]),
     ],
 )

@@ -9,7 +9,6 @@ from math import comb, inf
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from brute_force import (
@@ -146,13 +145,6 @@ def test_shards_and_row_groups_may_end_anywhere(
 
 
 # Read by others.
-
-
-def test_pandas_reads_the_same_rows(small_dataset: Run) -> None:
-    path, rows = small_dataset.folder / TABLE, table_of(small_dataset.folder)
-    frame = pd.read_parquet(path, dtype_backend="pyarrow")
-    plain = frame.astype(object).where(frame.notna(), None)
-    assert plain.to_dict("records") == rows
 
 
 def test_datasets_reads_it_as_a_config_of_its_own(small_dataset: Run) -> None:
