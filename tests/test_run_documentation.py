@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import sys
-from importlib import import_module
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-run_documentation = import_module("run_documentation")
-sys.path.pop(0)
+from scripts import run_documentation
 
 pytestmark = pytest.mark.slow
 

@@ -107,24 +107,6 @@ def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) 
     assert (tmp_path / "data/labyrinth/2x3/manifest.json").is_file()
 
 
-def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
-    options = ["size=3,2x4", "task=navigation,partial_observability"]
-    arguments = [
-        *options,
-        "random_steps=5",
-        "data_dir=data",
-        "stages=[build,validate]",
-    ]
-    result = run(tmp_path, "labyrinths=1", "-m", *arguments)
-    assert (result.returncode, result.stderr) == (0, "")
-    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
-    for name in names:
-        manifest = Manifest.read(tmp_path / "data" / name)
-        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
-        assert f"data/{name} is valid" in spaced(result.stdout)
-
-
 def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
     options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
     result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
@@ -136,17 +118,23 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("flag", ["--multi", "hydra.mode=MULTIRUN"])
-def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
+@pytest.mark.parametrize("flag", ["-m", "--multi", "hydra.mode=MULTIRUN"])
+def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
     tmp_path: Path, flag: str
 ) -> None:
     temporary = tmp_path / 'it\'s "here" ${now}'
     temporary.mkdir()
+    options = ["size=3,2x4", "task=navigation,partial_observability", "random_steps=5"]
+    options += ["data_dir=data", "stages=[build,validate]"]
     env = os.environ | {"TMPDIR": str(temporary)}
-    options = ["size=2x3,3x2", "labyrinths=1", "data_dir=data", "stages=build"]
-    result = run(tmp_path, flag, *options, env=env)
+    result = run(tmp_path, "labyrinths=1", flag, *options, env=env)
     assert (result.returncode, result.stderr) == (0, "")
-    assert {path.name for path in (tmp_path / "data").iterdir()} == {"2x3", "3x2", "README.md"}
+    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
+    for name in names:
+        manifest = Manifest.read(tmp_path / "data" / name)
+        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
+        assert f"data/{name} is valid" in spaced(result.stdout)
     assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
     assert list(temporary.iterdir()) == []
 

@@ -50,6 +50,7 @@ Build = Callable[..., Run]
         ),
         (["+buckets.foo=1"], ["buckets.foo is not an option", "buckets.train, buckets.validation"]),
         (["size=${foo}"], ["size", "foo"]),
+        (['data_dir="~no-such-user/x"'], ["that user's home folder is unknown"]),
         (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
         (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),

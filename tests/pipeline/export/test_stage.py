@@ -14,7 +14,6 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import huggingface_hub
-import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import export
@@ -164,28 +163,6 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
     with pytest.raises(ConfigError, match=message):
         export(small_dataset, tmp_path, "minari")
     assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("format_", FORMATS)
-def test_a_dataset_from_elsewhere_is_refused_and_leaves_nothing(
-    small_dataset: Run, tmp_path, format_
-):
-    """Its files are those of someone else, under the names that a manifest gives."""
-    theirs, manifest = tmp_path / "theirs" / "3x3", small_dataset.folder / MANIFEST
-    theirs.mkdir(parents=True)
-    with pytest.raises(DatasetError, match=r"config=3x3: .* holds no dataset"):
-        export(small_dataset, tmp_path / "exports", format_, dataset=str(theirs.parent))
-    content = json.loads(manifest.read_bytes())
-    (shard,) = (shard for shard in content["shards"] if shard["split"] == "train")
-    table = pa.table({"image": [b"?"] * shard["rows"], "label": [0] * shard["rows"]})
-    pq.write_table(table, theirs / shard["path"])
-    shard["sha256"] = file_sha256(theirs / shard["path"])
-    shutil.copy(small_dataset.folder / TABLE, theirs)
-    (theirs / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
-    with pytest.raises(DatasetError, match=r"actions=None: every row needs int") as caught:
-        export(small_dataset, tmp_path / "exports", format_, "train", dataset=str(theirs.parent))
-    assert "\n" not in str(caught.value)
-    assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
 
 
 def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):

@@ -363,9 +363,6 @@ def test_a_build_that_ends_before_its_first_shard_leaves_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-# Over a folder that is not empty.
-
-
 def test_overwrite_replaces_a_dataset_once_the_new_one_is_finished(
     build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
 ) -> None:

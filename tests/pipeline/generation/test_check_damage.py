@@ -26,7 +26,6 @@ from tampering import (
 )
 
 from labyrinth_core.data import rows as reading
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -53,20 +52,6 @@ def test_a_file_that_may_be_huge_is_not_read(
     found = problems(folder)
     assert len(found) == len(BASE_SPLITS)
     assert all(f".parquet: {expected}" in problem for problem in found)
-
-
-def test_a_want_of_memory_is_not_taken_for_a_damaged_file(
-    folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def read(*_: Any) -> None:
-        raise pa.ArrowMemoryError("malloc of size 30000000 failed")
-
-    monkeypatch.setattr(reading, "open_shard", read)
-    monkeypatch.setattr(checking, "read_schema", read)
-    with pytest.raises(MemoryError):
-        problems(folder)
-    with pytest.raises(MemoryError):
-        list(load_episodes(folder.parent, folder.name))
 
 
 # Files and the manifest.

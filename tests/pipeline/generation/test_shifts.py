@@ -13,7 +13,7 @@ import pytest
 from brute_force import World, fewest_moves, is_connected, loops, walk
 from read_from_text import Shown, shown
 from rich.progress import Progress
-from tampering import problems, replace_first, rows_of
+from tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.manifest import Manifest
@@ -233,9 +233,7 @@ def says(found: list[str], split: str, words: str) -> bool:
 
 
 def changed_once_more(labyrinth: Labyrinth, _: Path) -> Labyrinth:
-    """Return the labyrinth with another wall opened."""
-    wall = next(walls(labyrinth.structure))
-    return replace(labyrinth, structure=toggled(labyrinth.structure, *wall))
+    return with_a_wall_opened(labyrinth)
 
 
 def with_another_goal(labyrinth: Labyrinth, _: Path) -> Labyrinth:
