@@ -118,16 +118,18 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("flag", ["-m", "--multi", "hydra.mode=MULTIRUN"])
+@pytest.mark.parametrize(
+    "begin", ["labyrinths=1 -m", "--multi labyrinths=1", "labyrinths=1 hydra.mode=MULTIRUN"]
+)
 def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
-    tmp_path: Path, flag: str
+    tmp_path: Path, begin: str
 ) -> None:
     temporary = tmp_path / 'it\'s "here" ${now}'
     temporary.mkdir()
     options = ["size=3,2x4", "task=navigation,partial_observability", "random_steps=5"]
     options += ["data_dir=data", "stages=[build,validate]"]
     env = os.environ | {"TMPDIR": str(temporary)}
-    result = run(tmp_path, "labyrinths=1", flag, *options, env=env)
+    result = run(tmp_path, *begin.split(), *options, env=env)
     assert (result.returncode, result.stderr) == (0, "")
     names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
     assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}

@@ -5,15 +5,15 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from crashing import killed_before
 
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.spec import POLICY, RECORD
@@ -25,9 +25,6 @@ from pipeline.training.methods import bc
 from pipeline.training.record import CURVES
 
 pytestmark = pytest.mark.slow
-
-CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "shutil.rmtree")
-"""The operations on files before which a process is killed."""
 
 
 @pytest.fixture
@@ -56,34 +53,6 @@ def require_finished(folder: Path) -> int:
     return int(content["epochs"])
 
 
-def killed_before(change: int, run: Run) -> bool:
-    """Train in a process that is killed before a change of files; return whether it was."""
-    place = run.training_folder.parent
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Later versions of Python warn of threads.
-        process = os.fork()
-    if not process:
-        left = change
-
-        def kill(event: str, arguments: tuple[Any, ...]) -> None:
-            nonlocal left
-            if event in CHANGES and str(arguments[0]).startswith(str(place)):
-                left -= event != "open" or "w" in str(arguments[1])
-                if left < 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-
-        sys.addaudithook(kill)
-        status = 1
-        try:
-            train.run(run, checkpoint_seconds=0)
-            status = 0
-        finally:
-            os._exit(status)
-    _, status = os.waitpid(process, 0)
-    assert status in (0, signal.SIGKILL)
-    return status != 0
-
-
 def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
     run_of: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -97,7 +66,8 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
     while True:
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(old, folder)
-        if not killed_before(moments, run_of()):
+        retrain = partial(train.run, run_of(), checkpoint_seconds=0)
+        if not killed_before(moments, folder.parent, retrain):
             break
         found = folder if folder.exists() else next(folder.parent.glob("*.replaced"))
         displaced += found != folder
