@@ -1,4 +1,7 @@
-"""What is typed is what an option gets: texts, lists of one, true and false, names that exist."""
+"""What is typed is what an option gets: texts, lists of one, true and false.
+
+A name that does not exist, or no longer, is answered with one that does.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +17,7 @@ from hypothesis import strategies as st
 
 from pipeline.config.command_line import keep_texts, refusal
 from pipeline.config.errors import ConfigError
+from pipeline.config.gone import GONE
 from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, RunConfig
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
@@ -109,6 +113,13 @@ def test_true_and_false_may_be_capital_or_come_from_the_environment(
     assert composed("overwrite=False").options.overwrite is False
 
 
+def refused(argument: str) -> str:
+    """Return the line that a command line with this argument ends in."""
+    with pytest.raises((HydraException, ConfigError)) as caught:
+        composed(argument)
+    return refusal(caught.value)
+
+
 @pytest.mark.parametrize(
     ("name", "hint", "listed"),
     [
@@ -128,10 +139,19 @@ def test_true_and_false_may_be_capital_or_come_from_the_environment(
 def test_an_option_that_does_not_exist_lists_those_that_do(
     name: str, hint: str, listed: Iterable[str]
 ) -> None:
-    with pytest.raises((HydraException, ConfigError)) as caught:
-        composed(f"{name}=1")
     expected = f"{name} is not an option: {hint}choose from [{', '.join(listed)}]"
-    assert refusal(caught.value) == expected
+    assert refused(f"{name}=1") == expected
+
+
+@pytest.mark.parametrize("gone", GONE)
+def test_what_is_no_longer_there_is_told_with_what_to_do_instead(gone: str) -> None:
+    name, _, value = gone.partition("=")
+    listed = f"{name}=[{value}]" if name == "stages" else gone if value else f"{name}=1"
+    assert refused(listed) == f"{gone} was removed: {GONE[gone]}"
+
+
+def test_an_option_of_a_group_that_went_is_told_by_its_name() -> None:
+    assert refused("analysis.seeds=4") == f"analysis.seeds was removed: {GONE['analysis']}"
 
 
 @pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "season=x", "buckets=[3]"])

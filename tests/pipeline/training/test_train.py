@@ -19,7 +19,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import Run
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
@@ -29,19 +29,14 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture
-def run_of(small_dataset: Run, tmp_path: Path) -> Callable[..., Run]:
+def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> Callable[..., Run]:
     """A function that returns a run of the stage on the small dataset, three epochs of BC."""
 
     def make(folder: str = "runs", **options: Any) -> Run:
         settings = {"name": "bc", "epochs": 3, "evaluate_every": 2} | options.pop("method", {})
-        small: dict[str, Any] = {
-            "stages": ["train"],
-            "size": "3",
-            "data_dir": str(small_dataset.data_dir),
-            "run_dir": str(tmp_path / folder),
-            "method": settings,
-        }
-        return resolve(RunConfig(**small | options))
+        data_dir = options.pop("data_dir", small_dataset.data_dir)
+        given = {"stages": ["train"], "run_dir": str(tmp_path / folder), "method": settings}
+        return make_run(data_dir, **given | options)
 
     return make
 
