@@ -11,15 +11,13 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
+from making import build_dataset, run_of
 
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import BucketsConfig
-from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.generation import build as generation
+from pipeline.config.run import Run
 
 settings.register_profile(
     "house",
@@ -88,14 +86,6 @@ def pytest_unconfigure(config: pytest.Config) -> None:
     shutil.rmtree(config.stash[_private], ignore_errors=True)
 
 
-def run_of(data_dir: Path, **options: Any) -> Run:
-    """Return the run with the options of `RunConfig`; a small one where they say nothing."""
-    if "buckets" in options:
-        options["buckets"] = BucketsConfig(*options["buckets"])
-    small = {"stages": ["build"], "size": "3", "labyrinths": 8, "data_dir": str(data_dir)}
-    return resolve(RunConfig(**small | options))
-
-
 @pytest.fixture(scope="session")
 def make_run() -> Callable[..., Run]:
     return run_of
@@ -104,18 +94,6 @@ def make_run() -> Callable[..., Run]:
 @pytest.fixture(scope="session")
 def build() -> Callable[..., Run]:
     """A function that builds a dataset, by default 3x3 with 8 labyrinths a split."""
-
-    def build_dataset(
-        data_dir: Path,
-        *,
-        cells_per_shard: int = generation.CELLS_PER_SHARD,
-        cells_per_chunk: tuple[int, int] = generation.CELLS_PER_CHUNK,
-        **options: Any,
-    ) -> Run:
-        run = run_of(data_dir, **options)
-        generation.run(run, cells_per_shard=cells_per_shard, cells_per_chunk=cells_per_chunk)
-        return run
-
     return build_dataset
 
 

@@ -4,18 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-import sys
-from importlib import import_module
 from pathlib import Path
 
 import numpy as np
 import pytest
 from safetensors.numpy import save
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "scripts"))
-corpus = import_module("corpus")
-corpus_part = import_module("corpus_part")
-sys.path.pop(0)
+from scripts import corpus, corpus_part
 
 WEIGHTS = {"layer.weight": np.arange(6, dtype=np.float32).reshape(2, 3)}
 FILES = {

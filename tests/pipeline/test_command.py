@@ -45,7 +45,7 @@ def run_with(folder: Path, stage: str, *arguments: str) -> subprocess.CompletedP
 BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseException"]
 
 
-@pytest.mark.parametrize("seeds", ["0", "1", "2", "3", "4", "0,1,2,3,4"])
+@pytest.mark.parametrize("seeds", ["0", "0,1,2,3,4"])
 def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(tmp_path: Path, seeds: str) -> None:
     stage = f"raise ({', '.join(BUGS)})[run.options.seed]('my own')"
     sweep = ["-m"] if "," in seeds else []
@@ -107,24 +107,6 @@ def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) 
     assert (tmp_path / "data/labyrinth/2x3/manifest.json").is_file()
 
 
-def test_a_sweep_builds_each_size_and_task(tmp_path: Path) -> None:
-    options = ["size=3,2x4", "task=navigation,partial_observability"]
-    arguments = [
-        *options,
-        "random_steps=5",
-        "data_dir=data",
-        "stages=[build,validate]",
-    ]
-    result = run(tmp_path, "labyrinths=1", "-m", *arguments)
-    assert (result.returncode, result.stderr) == (0, "")
-    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
-    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
-    for name in names:
-        manifest = Manifest.read(tmp_path / "data" / name)
-        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
-        assert f"data/{name} is valid" in spaced(result.stdout)
-
-
 def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_path: Path) -> None:
     options = ["size=2,3", "task=icy_floor,navigation", "labyrinths=1", "random_steps=5"]
     result = run(tmp_path, "-m", *options, "data_dir=data", "stages=[build]")
@@ -136,17 +118,25 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
     assert (tmp_path / "data" / "3x3" / "manifest.json").is_file()
 
 
-@pytest.mark.parametrize("flag", ["--multi", "hydra.mode=MULTIRUN"])
-def test_a_sweep_leaves_nothing_of_its_own_wherever_temporary_files_are(
-    tmp_path: Path, flag: str
+@pytest.mark.parametrize(
+    "begin", ["labyrinths=1 -m", "--multi labyrinths=1", "labyrinths=1 hydra.mode=MULTIRUN"]
+)
+def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
+    tmp_path: Path, begin: str
 ) -> None:
     temporary = tmp_path / 'it\'s "here" ${now}'
     temporary.mkdir()
+    options = ["size=3,2x4", "task=navigation,partial_observability", "random_steps=5"]
+    options += ["data_dir=data", "stages=[build,validate]"]
     env = os.environ | {"TMPDIR": str(temporary)}
-    options = ["size=2x3,3x2", "labyrinths=1", "data_dir=data", "stages=build"]
-    result = run(tmp_path, flag, *options, env=env)
+    result = run(tmp_path, *begin.split(), *options, env=env)
     assert (result.returncode, result.stderr) == (0, "")
-    assert {path.name for path in (tmp_path / "data").iterdir()} == {"2x3", "3x2", "README.md"}
+    names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
+    assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
+    for name in names:
+        manifest = Manifest.read(tmp_path / "data" / name)
+        assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
+        assert f"data/{name} is valid" in spaced(result.stdout)
     assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
     assert list(temporary.iterdir()) == []
 
@@ -200,17 +190,3 @@ def test_a_stage_of_all_datasets_needs_no_size(tmp_path: Path, small_dataset: Ru
     shutil.copytree(small_dataset.data_dir, tmp_path / "data")
     for named in ([], ["size=3"]):
         assert run(tmp_path, "data_dir=data", "stages=report", *named).returncode == 0
-
-
-@pytest.mark.parametrize("name", ["a [5x5]", "a::b", "a b"])
-def test_the_line_that_loads_a_dataset_works_wherever_it_was_made(
-    tmp_path: Path, name: str
-) -> None:
-    folder = tmp_path / name
-    folder.mkdir()
-    made = run(folder, "size=2x3", "labyrinths=1", "stages=build")
-    (line,) = re.findall(r"^To load it: (.*)$", made.stdout, re.MULTILINE)
-    program = f"from datasets import *; from labyrinth_core import *; assert len({line})"
-    environment = os.environ | {"HF_HOME": str(tmp_path), "XDG_CACHE_HOME": str(tmp_path)}
-    loaded = subprocess.run([python(), "-c", program], cwd=folder, env=environment, check=False)
-    assert loaded.returncode == 0

@@ -1,4 +1,7 @@
-"""The pages on studies have the tables that follow from docs/results, and no other figures."""
+"""The pages on studies have the tables that follow from docs/results, and no other figures.
+
+In one of them each cell of the paper has a verdict.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,10 @@ import re
 from pathlib import Path
 
 import pytest
+import report_authors
 import report_pages as pages
+
+from pipeline.results.paper import paper_figures
 
 pytestmark = pytest.mark.slow
 
@@ -28,3 +34,20 @@ def test_every_table_of_figures_is_made_by_the_script_and_every_one_it_makes_is_
         by_hand = pages.PLACE.sub("", text)
         assert re.findall(r"^\|.*-:.*\|$", by_hand, re.MULTILINE) == [], page.name
     assert sorted(named) == sorted(pages.TABLES)
+
+
+@pytest.mark.parametrize(
+    ("cell", "ours", "theirs", "verdict"),
+    [
+        (("5x5", "train", "bc"), 0.37, None, "impossible"),
+        (("5x5", "test", "bc"), 0.04, None, "reproduced"),
+        (("5x5", "test", "bc"), 0.48, 0.06, "explained"),
+        (("5x5", "test", "bc"), 0.48, 0.30, "open"),
+        (("5x5", "test", "bc"), 0.48, None, "not run"),
+    ],
+)
+def test_a_cell_of_the_paper_has_the_first_verdict_that_holds(
+    cell: tuple[str, str, str], ours: float, theirs: float | None, verdict: str
+) -> None:
+    figure = paper_figures()[cell]
+    assert report_authors.judge(figure, ours, theirs) == (figure.sr, theirs, ours, verdict)

@@ -1,9 +1,11 @@
-"""A process that ends before one of its changes of files."""
+"""Processes that end before one of their changes of files: by an exception, or killed."""
 
 from __future__ import annotations
 
 import os
 import shutil
+import signal
+import sys
 import warnings
 from collections.abc import Callable
 from pathlib import Path
@@ -37,21 +39,41 @@ class Crash:
         return acting
 
 
-def dies_at(change: int, act: Callable[[], object]) -> bool:
-    """Do something in a process that ends before one of its changes; return whether it did."""
+FILE_EVENTS = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "shutil.rmtree")
+"""What Python calls the operations that may change files."""
+
+
+def killed_before(change: int, place: Path, act: Callable[[], object]) -> bool:
+    """Do something in a process that is killed before one of its changes of files.
+
+    Args:
+        change: How many changes come before the kill.
+        place: The folder whose changes count.
+        act: What the process does.
+
+    Returns:
+        Whether it was killed, and not finished before.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Later versions of Python warn of threads.
         process = os.fork()
     if not process:
+        left = change
+
+        def kill(event: str, arguments: tuple[Any, ...]) -> None:
+            nonlocal left
+            if event in FILE_EVENTS and str(arguments[0]).startswith(str(place)):
+                left -= event != "open" or "w" in str(arguments[1])
+                if left < 0:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+        sys.addaudithook(kill)
         status = 1
         try:
-            Crash(pytest.MonkeyPatch(), change)
             act()
             status = 0
-        except CrashError:
-            status = 9
         finally:
             os._exit(status)
     _, status = os.waitpid(process, 0)
-    assert os.waitstatus_to_exitcode(status) in (0, 9)
+    assert status in (0, signal.SIGKILL)
     return status != 0

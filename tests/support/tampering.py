@@ -22,9 +22,10 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.generation.check import validate
+from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
 from pipeline.generation.table import arrow_schema
 
@@ -41,6 +42,11 @@ OTHER, TEST, RANDOM, S0, MOVED = (
 def content_of(folder: Path) -> dict[str, bytes]:
     """Return the bytes of all files in a folder, by their names."""
     return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+def cut_short(path: Path) -> None:
+    """Remove the last byte of a file."""
+    path.write_bytes(path.read_bytes()[:-1])
 
 
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
@@ -164,18 +170,7 @@ def episode_rows(split: str, number: int, labyrinth: Labyrinth, actions: list[in
 def with_a_wall_opened(labyrinth: Labyrinth) -> Labyrinth:
     """Return the labyrinth with the first of its walls opened."""
     structure = labyrinth.structure
-    passages = list(structure.passages())
-    width = structure.width
-    wall = next(
-        pair
-        for cell in range(structure.cells)
-        for pair in [(cell, cell + 1), (cell, cell + width)]
-        if pair not in passages
-        and pair[1] < structure.cells
-        and (pair[1] - cell == width or pair[1] % width)
-    )
-    opened = Structure.from_passages(structure.height, width, [*passages, wall])
-    return Labyrinth(opened, labyrinth.start, labyrinth.goal)
+    return replace(labyrinth, structure=toggled(structure, *next(walls(structure))))
 
 
 def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyrinth]) -> None:

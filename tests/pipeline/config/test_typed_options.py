@@ -1,8 +1,12 @@
-"""What is typed is what an option gets: texts, lists of one, true and false, names that exist."""
+"""What is typed is what an option gets: texts, lists of one, true and false.
+
+A name that does not exist, or no longer, is answered with one that does.
+"""
 
 from __future__ import annotations
 
-from typing import Any, get_origin
+from collections.abc import Iterable
+from typing import get_origin
 
 import pytest
 from composing import composed
@@ -13,6 +17,7 @@ from hypothesis import strategies as st
 
 from pipeline.config.command_line import keep_texts, refusal
 from pipeline.config.errors import ConfigError
+from pipeline.config.gone import GONE
 from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, RunConfig
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
@@ -82,26 +87,15 @@ def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
 
 
 @pytest.mark.parametrize("name", LISTS)
-def test_a_list_takes_one_value_without_brackets_and_a_wrong_one_is_told_what_to_give(
-    name: str,
-) -> None:
-    asked = ASKED.get(name, [])
+def test_a_wrong_value_of_a_list_without_brackets_is_told_what_to_give(name: str) -> None:
     with pytest.raises(ConfigError, match=rf"^{name}=\[nonsense\]: (choose from|give) "):
-        composed(f"{name}=nonsense", *asked)
-    if name == "analysis.experts":
-        assert composed(f"{name}=Hopper-v5:1.10", *asked).options.analysis.experts
-    else:
-        with pytest.raises(ConfigError) as caught:
-            composed(f"{name}=nonsense", *asked)
-        known = str(caught.value).partition("choose from [")[2].strip("]").split(", ")
-        for value in known[:3]:
-            composed(f"{name}={value}", *asked)
+        composed(f"{name}=nonsense", *ASKED.get(name, []))
 
 
 def test_one_value_of_a_list_is_the_list_of_it() -> None:
-    run = composed("shifts=one_wall", "stages=build", "export.splits=train")
+    run = composed("shifts=one_wall", "stages=build", "export.splits=train", "evaluation.splits=s0")
     assert (run.dataset.shifts, run.options.stages) == (("one_wall",), ("build",))
-    assert run.options.export.splits == ("train",)
+    assert (run.options.export.splits, run.options.evaluation.splits) == (("train",), ("s0",))
 
 
 @pytest.mark.parametrize("name", BOOLS)
@@ -119,37 +113,45 @@ def test_true_and_false_may_be_capital_or_come_from_the_environment(
     assert composed("overwrite=False").options.overwrite is False
 
 
-@pytest.mark.parametrize(
-    ("argument", "listed"),
-    [
-        ("results.replay=true", OPTIONS),
-        ("leakage.sorce=x", [name for name in OPTIONS if name.startswith("leakage.")]),
-        ("evaluation.name.x=1", OPTIONS),
-        ("hydra.sweeep=1", OPTIONS),
-    ],
-)
-def test_an_option_that_does_not_exist_lists_those_that_do(argument: str, listed: Any) -> None:
+def refused(argument: str) -> str:
+    """Return the line that a command line with this argument ends in."""
     with pytest.raises((HydraException, ConfigError)) as caught:
         composed(argument)
-    message = refusal(caught.value)
-    assert message.startswith(f"{argument.partition('=')[0]} is not an option: ")
-    assert message.endswith(f"choose from [{', '.join(listed)}]")
+    return refusal(caught.value)
 
 
 @pytest.mark.parametrize(
-    ("argument", "hint"),
+    ("name", "hint", "listed"),
     [
-        ("episodes=2", "did you mean evaluation.episodes? "),
-        ("sise=3", "did you mean size? "),
-        ("epochs=3", "for a setting of the method give method.epochs; "),
+        ("sise", "did you mean size? ", OPTIONS),
+        ("results.replay", "did you mean results_dir? ", OPTIONS),
+        ("episodes", "did you mean evaluation.episodes? ", OPTIONS),
+        ("epochs", "for a setting of the method give method.epochs; ", OPTIONS),
+        ("evaluation.name.x", "did you mean evaluation.name? ", OPTIONS),
+        ("hydra.sweeep", "", OPTIONS),
+        (
+            "leakage.sorce",
+            "did you mean leakage.source? ",
+            [name for name in OPTIONS if name.startswith("leakage.")],
+        ),
     ],
 )
-def test_an_option_that_does_not_exist_is_answered_with_what_was_meant(
-    argument: str, hint: str
+def test_an_option_that_does_not_exist_lists_those_that_do(
+    name: str, hint: str, listed: Iterable[str]
 ) -> None:
-    with pytest.raises((HydraException, ConfigError)) as caught:
-        composed(argument)
-    assert f"is not an option: {hint}choose" in refusal(caught.value)
+    expected = f"{name} is not an option: {hint}choose from [{', '.join(listed)}]"
+    assert refused(f"{name}=1") == expected
+
+
+@pytest.mark.parametrize("gone", GONE)
+def test_what_is_no_longer_there_is_told_with_what_to_do_instead(gone: str) -> None:
+    name, _, value = gone.partition("=")
+    listed = f"{name}=[{value}]" if name == "stages" else gone if value else f"{name}=1"
+    assert refused(listed) == f"{gone} was removed: {GONE[gone]}"
+
+
+def test_an_option_of_a_group_that_went_is_told_by_its_name() -> None:
+    assert refused("analysis.seeds=4") == f"analysis.seeds was removed: {GONE['analysis']}"
 
 
 @pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "season=x", "buckets=[3]"])

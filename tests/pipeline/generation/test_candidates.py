@@ -13,12 +13,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
-from tampering import content_of
+from tampering import content_of, cut_short
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
-from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.run import Run
@@ -58,17 +56,6 @@ def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetC
     whole = drawn([85])
     for counts in ([40, 45], [1], [41, 1], [3, 100], [7, 30, 3, 1]):
         assert (drawn(counts) == whole).all()
-
-
-@pytest.mark.slow
-def test_a_candidate_has_the_split_of_its_bucket_once_in_its_chunk(config: DatasetConfig) -> None:
-    candidates = Candidates(config, cells=(16 * 2_000, 16))
-    records = candidates.after(0, 2_000)
-    fit = records[records["split"] != UNFIT]
-    assert 100 < len(fit) < 2_000
-    assert len(set(fit["id"].tolist())) == len(fit)
-    for place, structure in zip(fit["split"], unpack(config, fit), strict=True):
-        assert SAMPLED_SPLITS[place] == bucket_of(config, structure)
 
 
 @given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))
@@ -128,12 +115,8 @@ def test_two_workers_make_the_bytes_that_one_makes_and_find_them_valid(
     assert problems == []
 
 
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-1])
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize("damage", [None, cut, Path.unlink])
+@pytest.mark.parametrize("damage", [None, cut_short, Path.unlink])
 def test_a_build_that_goes_on_draws_only_the_chunks_that_are_missing(
     build: Build, tmp_path: Path, of_chunks: Run, damage: Callable[[Path], None] | None
 ) -> None:

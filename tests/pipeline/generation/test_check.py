@@ -27,7 +27,6 @@ from tampering import (
     with_a_wall_opened,
 )
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
@@ -164,14 +163,6 @@ def a_labyrinth_of_another_task(rows: Rows, _: Path) -> str:
     return "row 0 info: a labyrinth of 3x3, partial_observability"
 
 
-def an_action_after_the_goal(rows: Rows, _: Path) -> str:
-    last = episode_starts(rows)[1] - 1
-    picture = rows[last]["obs"] | {"path": "train-000000-000-0009.png"}
-    rows.insert(last + 1, rows[last] | {"obs": picture})
-    rows[last]["actions"] = 2
-    return f"row 0 actions: {last + 2} rows, not {last + 1}"
-
-
 def a_route_that_ends_before_the_goal(rows: Rows, _: Path) -> str:
     *route, last = route_of(rows)
     replace_first(rows, "train", parse(rows[0]["info"]), route)
@@ -182,21 +173,6 @@ def a_row_less_at_the_end(rows: Rows, _: Path) -> str:
     rows.pop()
     start = episode_starts(rows)[-1]
     return f"row {start} actions: {len(rows) - start} rows, not {len(rows) - start + 1}"
-
-
-def steps_of_random_left_out(rows: Rows, _: Path) -> str:
-    count = [row["info"] for row in rows].count(rows[0]["info"])
-    replace_first(rows, "random", parse(rows[0]["info"]), route_of(rows)[:1])
-    return f"row 0 actions: 2 rows, not {count}"
-
-
-def a_random_episode_cut_too_early(rows: Rows, _: Path) -> str:
-    labyrinth = parse(rows[0]["info"])
-    count = [row["info"] for row in rows].count(rows[0]["info"])
-    rest = renamed(episode_rows("random", 0, labyrinth, [3] * 29), "random", 0, 1)
-    replace_first(rows, "random", labyrinth, [3])
-    rows[2:2] = rest
-    return f"row 0 actions: 32 rows, not {count}"
 
 
 def a_longer_route_with_the_right_pictures(rows: Rows, _: Path) -> str:
@@ -257,22 +233,19 @@ ALONE: list[tuple[str, Change]] = [
 """The file and the change of which validation names one problem and no other."""
 
 WITH_OTHERS: list[tuple[str, Change]] = [
-    *((OTHER, put(1, "actions", value)) for value in (-2, 4, 2**62, -(2**63))),
+    *((OTHER, put(1, "actions", value)) for value in (4, -(2**63))),
     (OTHER, put(1, "actions", -1)),
     (OTHER, put(2, "episode_starts", True)),
     (OTHER, put(0, "episode_starts", False)),
     *((OTHER, put(2, "bytes", saved_by_pillow(mode))) for mode in ("RGBA", "P")),
-    *((OTHER, a_moved_episode_start(distance)) for distance in (-2, -1, 1, 2)),
+    *((OTHER, a_moved_episode_start(distance)) for distance in (-1, 1)),
     (OTHER, a_wall_opened_in_the_text),
     (TRAIN, a_labyrinth_of_another_size),
     (TRAIN, a_labyrinth_of_another_task),
-    (TRAIN, an_action_after_the_goal),
     (TRAIN, a_longer_route_with_the_right_pictures),
     (TRAIN, a_route_that_ends_before_the_goal),
     (TRAIN, a_row_less_at_the_end),
     (TRAIN, a_structure_twice_in_a_split),
-    (RANDOM, steps_of_random_left_out),
-    (RANDOM, a_random_episode_cut_too_early),
     (MOVED, ends_too_near_to_each_other),
     (S0, a_labyrinth_more_than_there_are_parents),
     (RANDOM, the_second_labyrinth_in_place_of_the_first("random")),
@@ -292,7 +265,7 @@ def test_rows_that_are_wrong_are_found(folder: Path, file: str, change: Change) 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("file", [TRAIN, MOVED])
+@pytest.mark.parametrize("file", [TRAIN, RANDOM])
 def test_a_swapped_action_is_found(folder: Path, file: str) -> None:
     with rows_of(folder, file) as rows:
         places = [n for n, row in enumerate(rows) if row["actions"] >= 0]
@@ -302,22 +275,6 @@ def test_a_swapped_action_is_found(folder: Path, file: str) -> None:
     assert names(found, places[0], "actions", file)
     assert names(found, places[-1], "actions", file)
     assert all(problem.startswith(file) for problem in found)
-
-
-@pytest.mark.slow
-def test_a_missing_and_a_repeated_route_are_found(build: Build, tmp_path: Path) -> None:
-    options = {"size": "4", "solutions": "all_shortest", "open_walls": 0.6, "labyrinths": 2}
-    folder = build(tmp_path, **options, random_steps=5).folder
-    pristine = read_rows(folder / TRAIN)
-    labyrinth = parse(pristine[0]["info"])
-    assert len(shortest_routes(labyrinth)) > 1
-    second = episode_starts(pristine)[1]
-    with rows_of(folder) as rows:
-        del rows[:second]
-    assert names(problems(folder), 0, "actions")
-    with rows_of(folder) as rows:
-        rows[:] = [*pristine[:second], *pristine]
-    assert names(problems(folder), 0, "actions")
 
 
 # Structures where they may not be.
@@ -332,19 +289,6 @@ def test_a_structure_in_two_shards_of_a_split_is_found(build: Build, tmp_path: P
 
 
 # Pictures.
-
-
-@pytest.mark.slow
-def test_a_flipped_bit_anywhere_in_a_picture_is_found(folder: Path) -> None:
-    with rows_of(folder, RANDOM) as rows:
-        for number, row in enumerate(rows):
-            flipped = bytearray(row["obs"]["bytes"])
-            place = number * len(flipped) // len(rows)
-            flipped[place] ^= 1 << number % 8
-            row["obs"]["bytes"] = bytes(flipped)
-    found = problems(folder)
-    assert len(rows) > 90
-    assert [number for number in range(len(rows)) if not names(found, number, "obs", RANDOM)] == []
 
 
 @pytest.mark.slow
@@ -386,8 +330,3 @@ def test_the_stage_raises_all_it_found_and_shows_the_first(
     lines = str(caught.value).splitlines()
     assert len(lines) == validation.PROBLEMS_SHOWN + 2
     assert lines[-1] == f"  and {len(rows) - validation.PROBLEMS_SHOWN} more"
-
-
-def test_the_stage_needs_a_dataset(tmp_path: Path, make_run: Callable[..., Run]) -> None:
-    with pytest.raises(DatasetError, match="holds no finished dataset"):
-        validation.run(make_run(tmp_path, stages=["validate"]))

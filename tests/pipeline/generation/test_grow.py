@@ -9,7 +9,6 @@ from typing import Any
 
 import pytest
 from interrupting import CrashError, before_each_shard
-from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -48,18 +47,6 @@ def test_a_longer_dataset_keeps_the_shards_that_were_full(
         {shard.sha256 for shard in Manifest.read(each / "4x4").shards} for each in (short, long)
     )
     assert len(before & after) == 12
-
-
-@pytest.mark.parametrize("error", ERRORS)
-def test_a_dataset_whose_folder_cannot_be_renamed_grows_and_is_replaced(
-    build: Build, tmp_path: Path, short: Path, long: Path, error: int
-) -> None:
-    data_dir = Path(shutil.copytree(short, tmp_path / "data"))
-    with no_folder_is_renamed(error):
-        build(data_dir, **LONGER)
-        assert content_of(data_dir) == content_of(long)
-        build(data_dir, **OF_FOUR, labyrinths=10, overwrite=True)
-    assert content_of(data_dir) == content_of(short)
 
 
 @pytest.mark.parametrize(

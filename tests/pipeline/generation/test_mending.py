@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from interrupting import before_each_shard
-from tampering import TRAIN, content_of, identities, manifest_of
+from tampering import TRAIN, content_of, cut_short, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
@@ -29,19 +29,11 @@ def folder(small_dataset: Run, tmp_path: Path) -> Path:
     return tmp_path / "data" / "3x3"
 
 
-def truncate(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[:-100])
-
-
-def empty(path: Path) -> None:
-    path.write_bytes(b"")
-
-
 def change(path: Path) -> None:
     path.write_bytes(path.read_bytes()[::-1])
 
 
-DAMAGES = (truncate, empty, change, Path.unlink)
+DAMAGES = (cut_short, change, Path.unlink)
 
 
 @pytest.mark.slow
@@ -155,14 +147,6 @@ def test_files_called_like_what_a_killed_build_leaves_are_kept(
     build(folder.parent, seed=1, overwrite=True)
     assert (folder.parent / name).read_text() == "years of work"
     assert Manifest.read(folder).config.seed == 1
-
-
-def test_the_readme_of_another_dataset_is_not_changed(build: Build, tmp_path: Path) -> None:
-    theirs = "---\nconfigs:\n- config_name: default\n  data_files: mine.csv\n---\n# Mine\n"
-    (tmp_path / "README.md").write_text(theirs)
-    with pytest.raises(DatasetError, match=r"README\.md is not the README of a dataset"):
-        build(tmp_path)
-    assert content_of(tmp_path) == {"README.md": theirs.encode()}
 
 
 def test_what_was_analysed_of_a_dataset_is_replaced_with_it(

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyarrow.parquet import read_table
-from tampering import TRAIN, episode_rows, problems, rows_of
+from tampering import problems
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.manifest import TABLE, Manifest
-from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import State, initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.solver import optimal_actions, shortest_routes
+from labyrinth_core.world.solver import optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
 from pipeline.inspection.routes import routes_of
@@ -79,16 +78,3 @@ def test_an_episode_that_ends_on_ice_after_as_many_moves_as_a_shortest_route_is_
         optimal = loaded.optimal[np.arange(len(loaded)), np.asarray(loaded.actions)]
         table = read_table(run.folder / TABLE, filters=[("split", "=", split)])
         assert sum(table["optimal_actions"].to_pylist()) == optimal.sum()
-
-
-def test_a_route_that_the_demonstrator_did_not_take_is_found(build: Build, tmp_path: Path) -> None:
-    run = noisy(build, tmp_path, 0.3)
-    with rows_of(run.folder) as rows:
-        first = [row for row in rows if row["info"] == rows[0]["info"]]
-        labyrinth = parse(first[0]["info"])
-        best = shortest_routes(labyrinth)[0]
-        assert best != [row["actions"] for row in first[:-1]]
-        rows[: len(first)] = episode_rows("train", 0, labyrinth, best)
-    found = problems(run.folder)
-    assert found[0] == f"{TRAIN} row 0 actions: {len(best) + 1} rows, not {len(first)}"
-    assert all(problem.startswith(f"{TRAIN} row ") for problem in found)

@@ -1,4 +1,4 @@
-"""When a shard that is there already is taken as it is."""
+"""When a shard that is there already is taken as it is, and what its fingerprint tells."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from labyrinth_core.data.storage import write_bytes
 from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
-from pipeline.generation.shard import ShardJob, finished
+from pipeline.generation.shard import Fingerprint, Row, ShardJob, finished
 
 Build = Callable[..., Run]
 
@@ -62,3 +64,44 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
         assert finished(job) is None
         write_bytes(path, whole)
         assert finished(job) is not None
+
+
+# The fingerprint.
+
+
+rows = st.builds(
+    Row,
+    obs=st.just(b""),
+    obs_path=st.just(""),
+    actions=st.integers(-1, 3),
+    rewards=st.floats(width=32, allow_nan=False),
+    episode_starts=st.booleans(),
+    info=st.text(max_size=9),
+    picture_digest=st.binary(min_size=16, max_size=16),
+)
+
+
+def fingerprint(some_rows: list[Row]) -> str:
+    fingerprint = Fingerprint()
+    fingerprint.update(some_rows)
+    return fingerprint.hexdigest()
+
+
+@pytest.mark.slow
+@given(st.lists(rows, min_size=1, max_size=4), st.data())
+def test_any_change_of_a_row_changes_the_fingerprint(some: list[Row], data: st.DataObject) -> None:
+    place = data.draw(st.integers(0, len(some) - 1))
+    row = some[place]
+    change = data.draw(
+        st.sampled_from(
+            [
+                {"actions": row.actions + 1},
+                {"rewards": row.rewards + 1 if abs(row.rewards) < 1e6 else 0.5},
+                {"episode_starts": not row.episode_starts},
+                {"info": row.info + " "},
+                {"picture_digest": row.picture_digest[:15] + bytes([row.picture_digest[15] ^ 1])},
+            ]
+        )
+    )
+    changed = [*some[:place], row._replace(**change), *some[place + 1 :]]
+    assert fingerprint(changed) != fingerprint(some)

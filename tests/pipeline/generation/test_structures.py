@@ -92,15 +92,6 @@ def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
         assert split_of(structure.transposed(), buckets) == split_of(structure, buckets)
 
 
-def test_no_structure_of_2x3_is_in_another_split_than_one_of_3x2_that_is_its_mirror_image() -> None:
-    wide, high = (
-        [each for each in all_structures(*sides) if each.is_connected] for sides in ((2, 3), (3, 2))
-    )
-    splits = {each.transposed(): split_of(each, DEFAULT_BUCKETS) for each in wide}
-    assert splits == {each: split_of(each, DEFAULT_BUCKETS) for each in high}
-    assert set(splits.values()) == set(SAMPLED_SPLITS)
-
-
 def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_split(
     config_of: Callable[..., DatasetConfig],
 ) -> None:
@@ -175,7 +166,7 @@ def test_the_capacity_for_a_task_is_what_can_be_sampled(
         # Ice cannot matter at this size.
         (
             {"size": "2x3", "task": "icy_floor", "labyrinths": 1},
-            "there can be 0 in train, 0 in validation, 0 in test",
+            "there can be 0 in train, 0 in validation, 0 in test; choose another size or task",
         ),
         ({"size": "5", "labyrinths": 10**20}, r"fewer than 2\*\*40"),
         # With all walls open there is only one structure.

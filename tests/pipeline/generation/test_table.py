@@ -9,7 +9,6 @@ from math import comb, inf
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from brute_force import (
@@ -145,23 +144,7 @@ def test_shards_and_row_groups_may_end_anywhere(
     assert sizes == [6, 5, 5] * 3
 
 
-# Read by others.
-
-
-def test_pandas_reads_the_same_rows(small_dataset: Run) -> None:
-    path, rows = small_dataset.folder / TABLE, table_of(small_dataset.folder)
-    frame = pd.read_parquet(path, dtype_backend="pyarrow")
-    plain = frame.astype(object).where(frame.notna(), None)
-    assert plain.to_dict("records") == rows
-
-
 def test_datasets_reads_it_as_a_config_of_its_own(small_dataset: Run) -> None:
-    rows = table_of(small_dataset.folder)
-    for streaming in (False, True):
-        loaded = load_dataset(
-            str(small_dataset.data_dir), "3x3-labyrinths", split="labyrinths", streaming=streaming
-        )
-        assert list(loaded) == rows
-        assert list(loaded.features) == [column.name for column in TABLE_COLUMNS]
-    whole = load_dataset(str(small_dataset.data_dir), "3x3")
-    assert list(whole) == list(BASE_SPLITS)
+    loaded = load_dataset(str(small_dataset.data_dir), "3x3-labyrinths", split="labyrinths")
+    assert list(loaded) == table_of(small_dataset.folder)
+    assert list(loaded.features) == [column.name for column in TABLE_COLUMNS]

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import errno
-import itertools
 import os
 import shutil
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -21,7 +19,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import temporary_beside
 from pipeline.config.run import Run
-from pipeline.machinery.folders import held
 
 Build = Callable[..., Run]
 
@@ -58,17 +55,6 @@ def test_where_there_are_no_locks_no_build_waits(
 
     monkeypatch.setattr(filelock.FileLock, "acquire", no_locks)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
-
-
-def test_an_error_while_a_folder_is_held_leaves_no_empty_folder(tmp_path: Path) -> None:
-    def fail() -> None:
-        with held(tmp_path / "a" / "b", "3x3"):
-            assert (tmp_path / "a" / "b" / ".3x3.lock").exists()
-            raise RuntimeError
-
-    with pytest.raises(RuntimeError):
-        fail()
-    assert list(tmp_path.iterdir()) == []
 
 
 # What was left.
@@ -152,22 +138,6 @@ def test_all_is_on_the_disk_before_it_becomes_a_dataset(
     folder = build(tmp_path).folder
     assert moved == [folder]
     assert folder.parent.stat().st_ino in synced
-
-
-def test_a_clock_that_jumps_changes_nothing(
-    build: Build, tmp_path: Path, small_dataset: Run, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with crash("before the move"):
-        build(tmp_path)
-    for number, path in enumerate(sorted(tmp_path.rglob("*"))):
-        moment = number % 2 * 4e9  # In 1970 and in 2096.
-        os.utime(path, (moment, moment))
-    made = identities(tmp_path / ".3x3.building" / "shards")
-    moments = itertools.cycle([0.0, 4e9])
-    monkeypatch.setattr(time, "time", lambda: next(moments))
-    build(tmp_path)
-    assert content_of(tmp_path) == content_of(small_dataset.data_dir)
-    assert identities(tmp_path / "3x3") == made  # Nothing was written again.
 
 
 def test_a_run_that_took_the_place_over_is_noticed(build: Build, tmp_path: Path) -> None:

@@ -12,20 +12,15 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from wall_grids import GRID, LABYRINTH, changed
+from planting import labyrinths, transposed
+from wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.language.text import labyrinth_id
 from pipeline.config.analysis import LeakageOptions
 from pipeline.inspection import analyse
-
-
-def infos(folder, split):
-    (path,) = folder.glob(f"{split}-*.parquet")
-    return list(dict.fromkeys(pq.read_table(path, columns=["info"])["info"].to_pylist()))
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +47,7 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     assert leakage["strangers"] == {"random": [], "s0": [], "s0_and_g": []}
     for pair in leakage["pairs"]:
         assert pair["equal"] == pair["mirrored"] == {}
-        ids = {labyrinth_id(text) for text in infos(analysed, pair["second"])}
+        ids = {labyrinth_id(text) for text in labyrinths(analysed, pair["second"])}
         assert set(pair["nearest"]) == ids
     assert [pair["second"] for pair in leakage["pairs"]] == ["validation", "test", "test"]
     assert len(shift["measures"]) == 36
@@ -72,25 +67,15 @@ def test_workers_and_another_run_change_no_byte(analysed, make_run):
     assert (analysed / ANALYSIS).read_bytes() == before
 
 
-def test_without_a_dataset_there_is_nothing_to_analyse(make_run, tmp_path):
-    with pytest.raises(DatasetError, match="holds no finished dataset"):
-        run_on(make_run, tmp_path)
-
-
 # From elsewhere.
-
-
-def turned(text):
-    labyrinth = parse(text)
-    return dump(Labyrinth(labyrinth.structure.transposed(), labyrinth.start, labyrinth.goal))
 
 
 @pytest.fixture
 def files(small_dataset, tmp_path):
     """A folder of files by split, two of which leak."""
-    texts = {split: infos(small_dataset.folder, split) for split in SAMPLED_SPLITS}
-    images = [text for text in texts["train"] if turned(text) != text]
-    texts["test"] += [texts["validation"][0], turned(images[0])]
+    texts = {split: labyrinths(small_dataset.folder, split) for split in SAMPLED_SPLITS}
+    images = [text for text in texts["train"] if transposed(text) != text]
+    texts["test"] += [texts["validation"][0], transposed(images[0])]
     for split, of in texts.items():
         folder = tmp_path / "files" / split
         folder.mkdir(parents=True)
@@ -173,9 +158,8 @@ def test_arrays_are_certified_by_the_names_of_their_files(make_run, tmp_path, ca
 
 
 def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path, capsys):
-    bare = np.where(GRID > 1, 0, GRID)
-    tests = np.stack([bare[:, ::-1], GRID])
-    folder = grids(tmp_path / "grids", train=np.stack([bare, bare]), test=tests)
+    tests = np.stack([BARE[:, ::-1], GRID])
+    folder = grids(tmp_path / "grids", train=np.stack([BARE, BARE]), test=tests)
     content, pairs = certified(make_run, folder, tmp_path)
     assert content["structures_alone"]
     assert content["leakage"]["repeated"] == {"train": 1, "test": 0}
@@ -218,7 +202,7 @@ def table_of(texts):
 def test_only_the_texts_of_a_dataset_are_needed(small_dataset, make_run, tmp_path, capsys):
     folder = tmp_path / "elsewhere"
     folder.mkdir()
-    texts = infos(small_dataset.folder, "train")
+    texts = labyrinths(small_dataset.folder, "train")
     pq.write_table(table_of(texts[:5] * 2), folder / "train.parquet")
     pq.write_table(table_of(texts[4:]), folder / "test.parquet")
     content, pairs = certified(make_run, folder, tmp_path)

@@ -77,12 +77,20 @@ def test_other_keys_and_the_text_below_stay(build: Build, tmp_path: Path) -> Non
     assert [config["config_name"] for config in after["configs"][:2]] == ["2x3", "3x3"]
 
 
-def test_a_text_of_ones_own_that_is_no_card_stops_the_build(build: Build, tmp_path: Path) -> None:
-    for text in (b"# My notes\n", b"", b"---\ntitle: Mine\n---\n", b"---\n- 1\n---\n", b"\xff\xfe"):
-        (tmp_path / "README.md").write_bytes(text)
-        with pytest.raises(DatasetError, match="choose another data_dir"):
-            build(tmp_path)
-        assert content_of(tmp_path) == {"README.md": text}
+@pytest.mark.parametrize(
+    "text",
+    [
+        *(b"# My notes\n", b"", b"---\ntitle: Mine\n---\n", b"---\n- 1\n---\n", b"\xff\xfe"),
+        b"---\nconfigs:\n- config_name: default\n  data_files: mine.csv\n---\n# Mine\n",
+    ],
+)
+def test_a_readme_that_is_none_of_ours_stops_the_build(
+    build: Build, tmp_path: Path, text: bytes
+) -> None:
+    (tmp_path / "README.md").write_bytes(text)
+    with pytest.raises(DatasetError, match=r"README\.md .*choose another data_dir"):
+        build(tmp_path)
+    assert content_of(tmp_path) == {"README.md": text}
 
 
 def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path: Path) -> None:

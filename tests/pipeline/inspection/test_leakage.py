@@ -7,6 +7,7 @@ from statistics import median
 
 import numpy as np
 import pytest
+from brute_force import all_structures
 
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -28,15 +29,6 @@ def from_corner_to_corner(structures, seed):
     return [Labyrinth(s, *of) for s, of in zip(structures, ends, strict=True)]
 
 
-def all_connected_3x3():
-    edges = [(c, c + 1) for c in range(9) if (c + 1) % 3] + [(c, c + 3) for c in range(6)]
-    for count in range(8, 13):
-        for passages in combinations(edges, count):
-            structure = Structure.from_passages(3, 3, passages)
-            if structure.is_connected:
-                yield structure
-
-
 def drawn(size, count, seed):
     found = dict.fromkeys(islice(sample_structures(*size, np.random.default_rng(seed)), count))
     rng = np.random.default_rng(seed)
@@ -44,7 +36,7 @@ def drawn(size, count, seed):
 
 
 EXAMPLES = {
-    "all of 3x3": list(all_connected_3x3()),
+    "all of 3x3": [each for each in all_structures(3, 3) if each.is_connected],
     "4x4": drawn((4, 4), 400, 1),
     "2x4": drawn((2, 4), 400, 2),
 }

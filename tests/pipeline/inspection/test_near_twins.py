@@ -83,14 +83,3 @@ def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same(monkeyp
     assert 0 < near.sum() < len(near)
     assert cut.walls.tolist() == np.where(near, whole.walls, FAR).tolist()
     assert cut.which[near].tolist() == whole.which[near].tolist()
-
-
-def test_the_table_has_a_column_for_every_passage_of_the_grid():
-    structures = [Structure.from_passages(2, 3, [(0, 3), (1, 2)])]
-    assert passage_table(structures).astype(int).tolist() == [[1, 0, 0, 0, 1, 0, 0]]
-    for height, width in SIZES:
-        table = passage_table(draw(height, width, 5))
-        assert table.shape[1] == 2 * height * width - height - width
-        assert table.sum(axis=1).tolist() == [
-            len(list(structure.passages())) for structure in draw(height, width, 5)
-        ]

@@ -51,8 +51,6 @@ def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
         (["build", "validate", "analyse", "card"], "Next, to look at it in a browser: "),
         (["train", "evaluate"], "Next, to compare it with others: "),
         (["validate"], None),
-        (["card"], None),
-        (["report"], None),
         (["results"], None),
     ],
 )

@@ -11,16 +11,14 @@ import shutil
 from pathlib import Path
 
 import pytest
-from policies import RELEASED, lay_out_run
+from policies import RELEASED
 from publishing import local_hub, run_script
 from seasons import Performer
 
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import HASHES
 from pipeline.season.commitment import Season, seed_of, without_seed
-from pipeline.season.submission import fetched
 
 __all__ = ["local_hub"]
 
@@ -77,12 +75,6 @@ def test_an_impossible_option_is_refused_in_one_line(tmp_path, make_run, stage, 
     with pytest.raises(ConfigError, match=message):
         perform(stage, **options)
     assert not perform.place.secret.exists()
-
-
-def test_the_run_of_a_protocol_that_is_submitted_keeps_its_pictures(tmp_path):
-    spec = PolicySpec(NetworkSpec("cnn", 5, 5, "navigation"), average=False)
-    with fetched(str(lay_out_run(tmp_path / "paper", spec, protocol="paper"))) as submission:
-        assert submission.policy.resize == "original"
 
 
 def test_a_full_disk_leaves_no_secret_without_its_season(tmp_path, make_run, monkeypatch):
@@ -215,9 +207,9 @@ import sys
 from pathlib import Path
 
 tests = Path(sys.argv[2])
-sys.path[:0] = map(str, [tests.parent, tests, tests / "support"])
-from conftest import run_of
+sys.path[:0] = map(str, [tests.parent, tests / "support"])
 from huggingface_hub import HfApi
+from making import run_of
 from policies import lay_out_released
 from seasons import Performer
 

@@ -5,16 +5,13 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 import torch
 from learning import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.config.errors import ConfigError
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
@@ -64,13 +61,3 @@ def test_the_checkpoint_of_another_run_is_refused(problem_of: Problems, tmp_path
     checkpoint.save(path, learner(problem_of()), Progress(), {"seed": 0, "encoder": "cnn"})
     with pytest.raises(DatasetError, match="seed=0, not 1: choose another run_dir"):
         checkpoint.load(path, learner(problem_of()), {"seed": 1, "encoder": "cnn"})
-
-
-@pytest.mark.parametrize("value", [["a list"], None, "a text", np.array(["a text"]), torch.ones(1)])
-def test_an_attribute_that_would_be_forgotten_is_an_error(
-    problem_of: Problems, value: object
-) -> None:
-    forgetful: Any = learner(problem_of())
-    forgetful.seen = value
-    with pytest.raises(ConfigError, match=r"\Athe method's attribute seen has the type .*\Z"):
-        state_of(forgetful)

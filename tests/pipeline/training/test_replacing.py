@@ -5,30 +5,26 @@ from __future__ import annotations
 import json
 import os
 import shutil
-import signal
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
+from crashing import killed_before
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256, temporary_beside
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train
 from pipeline.training.methods import bc
-from pipeline.training.record import CHECKPOINT, CURVES
+from pipeline.training.record import CURVES
 
 pytestmark = pytest.mark.slow
-
-CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "shutil.rmtree")
-"""The operations on files before which a process is killed."""
 
 
 @pytest.fixture
@@ -57,34 +53,6 @@ def require_finished(folder: Path) -> int:
     return int(content["epochs"])
 
 
-def killed_before(change: int, run: Run) -> bool:
-    """Train in a process that is killed before a change of files; return whether it was."""
-    place = run.training_folder.parent
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Later versions of Python warn of threads.
-        process = os.fork()
-    if not process:
-        left = change
-
-        def kill(event: str, arguments: tuple[Any, ...]) -> None:
-            nonlocal left
-            if event in CHANGES and str(arguments[0]).startswith(str(place)):
-                left -= event != "open" or "w" in str(arguments[1])
-                if left < 0:
-                    os.kill(os.getpid(), signal.SIGKILL)
-
-        sys.addaudithook(kill)
-        status = 1
-        try:
-            train.run(run, checkpoint_seconds=0)
-            status = 0
-        finally:
-            os._exit(status)
-    _, status = os.waitpid(process, 0)
-    assert status in (0, signal.SIGKILL)
-    return status != 0
-
-
 def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
     run_of: Callable[..., Run], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -98,7 +66,8 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
     while True:
         shutil.rmtree(folder, ignore_errors=True)
         shutil.copytree(old, folder)
-        if not killed_before(moments, run_of()):
+        retrain = partial(train.run, run_of(), checkpoint_seconds=0)
+        if not killed_before(moments, folder.parent, retrain):
             break
         found = folder if folder.exists() else next(folder.parent.glob("*.replaced"))
         displaced += found != folder
@@ -140,34 +109,18 @@ def test_a_killed_run_that_replaces_another_goes_on_unless_settings_change(
         done.clear()
 
 
-@pytest.mark.parametrize("settings", [{"learning_rate": 1e30}, {"epochs": 1}])
-def test_a_training_that_fails_leaves_the_finished_run(
-    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, settings: dict[str, Any]
-) -> None:
-    run = run_of()
-    train.run(run)
-    before = {path.name: path.read_bytes() for path in run.training_folder.iterdir()}
-    monkeypatch.setattr(bc.Method, "epoch", lambda _: {"loss": float("nan")})
-    with pytest.raises(ConfigError, match="Existing files are unchanged"):
-        train.run(run_of(**settings))
-    assert {path.name: path.read_bytes() for path in run.training_folder.iterdir()} == before
-    assert [path.name for path in run.training_folder.parent.iterdir()] == ["bc-mlp-seed0"]
-
-
-def test_a_disk_that_is_full_at_the_end_is_no_reason_to_refuse_the_next_time(
+def test_a_training_that_fails_leaves_the_finished_run_and_stops_no_other(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     run = run_of(epochs=1)
     train.run(run)
-
-    def full(*_: object) -> None:
-        raise OSError(28, "No space left on device")
-
+    before = {path.name: path.read_bytes() for path in run.training_folder.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr(record, "write_text", full)
-        with pytest.raises(OSError, match="No space"):
+        patch.setattr(bc.Method, "epoch", lambda _: {"loss": float("nan")})
+        with pytest.raises(ConfigError, match="Existing files are unchanged"):
             train.run(run_of())
-    assert require_finished(run.training_folder) == 1
+    assert {path.name: path.read_bytes() for path in run.training_folder.iterdir()} == before
+    assert [path.name for path in run.training_folder.parent.iterdir()] == ["bc-mlp-seed0"]
     train.run(run_of())
     assert require_finished(run.training_folder) == 2
 
@@ -196,25 +149,3 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
     for backend in ("module://no_such.backend", "no_such"):
         command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)
-
-
-def test_what_a_killed_run_was_writing_is_removed_by_the_next(run_of: Callable[..., Run]) -> None:
-    run = run_of()
-    folder = run.training_folder
-    working = folder.with_name(f".{folder.name}.training")
-    for place in (folder, working):
-        place.mkdir(parents=True)
-        for name in (CHECKPOINT, POLICY, RECORD, CURVES):
-            temporary_beside(place / name).write_text("half")
-    train.run(run)
-    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, POLICY, RECORD]
-    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
-
-
-def test_a_file_in_the_place_of_the_folder_is_refused(run_of: Callable[..., Run]) -> None:
-    folder = run_of().training_folder
-    folder.parent.mkdir(parents=True)
-    folder.write_text("mine")
-    with pytest.raises(DatasetError, match="is a file: move it, or choose another run_dir"):
-        train.run(run_of())
-    assert folder.read_text() == "mine"
