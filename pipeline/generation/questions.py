@@ -25,7 +25,7 @@ from labyrinth_core.evaluation.questions import (
 from pipeline.config.run import Run
 from pipeline.generation.table import arrow_schema, read_schema
 from pipeline.inspection import front_matter
-from pipeline.inspection.routes import routes_of
+from pipeline.inspection.counts import routes_of
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
