@@ -35,7 +35,7 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, labyrinth_of, solve
+from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, own_labyrinth, solve
 from pipeline.generation.shifts import (
     SELECTED_SHIFTS,
     Measures,
@@ -240,7 +240,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
         ConfigError: A shift finds too few structures.
     """
     structures = unpack(config, sampled["train"])
-    labyrinths = (labyrinth_of(config, "train", structure) for structure in structures)
+    labyrinths = (own_labyrinth(config, "train", structure) for structure in structures)
     train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
     taken = Taken(config)
     for split, records in sampled.items():
@@ -309,14 +309,14 @@ def select(
     """
     shift = SELECTED_SHIFTS[split]
     candidates = _candidates(config, split, train)
-    pool = list(islice(candidates, shift.effort.pool))
+    pool = list(islice(candidates, shift.pool))
     for number, measures in enumerate(targets):
-        pool += islice(candidates, shift.effort.renewed)
-        del pool[: -shift.effort.pool]
+        pool += islice(candidates, shift.renewed)
+        del pool[: -shift.pool]
         chosen = _nearest(pool, _free(split, measures), taken)
         if chosen is None:
             pool.clear()
-            more = (each.structure for each in islice(candidates, shift.effort.patience))
+            more = (each.structure for each in islice(candidates, shift.patience))
             chosen = next(filter(taken.take, more), None)
         if chosen is None:
             raise ConfigError(
@@ -354,10 +354,10 @@ def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Can
     without = 0
     for structure in shift.draw(config, split, train, np.random.default_rng(seed)):
         without += 1
-        if without > shift.effort.patience:
+        if without > shift.patience:
             return
         measures = measures_of(config, split, structure)
-        labyrinth = partial(labyrinth_of, config, split, structure)
+        labyrinth = partial(own_labyrinth, config, split, structure)
         if measures is not None and shift.problem(measures, labyrinth, train) is None:
             without = 0
             yield Candidate(_free(split, measures), structure)

@@ -145,6 +145,74 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         )
 
 
+def _name_of(source: str, config: str | None) -> str:
+    """Return the path in `FOLDER` of an external dataset's analysis, unique to source and config.
+
+    A source with a named config gets a folder, with a file for the config.
+    """
+    names = []
+    for part in (source,) if config is None else (source, config):
+        legible = re.sub(r"[^\w.-]+", "-", part).strip("-.")[:99]
+        names.append(f"{legible}-{hashlib.sha256(part.encode()).hexdigest()[:8]}")
+    return f"{'/'.join(names)}.json"
+
+
+def _as_text(content: Mapping[str, Any]) -> str:
+    return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
+
+
+def _table(leakage: Leakage, *, with_routes: bool) -> Table:
+    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
+    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
+    table = Table(
+        "splits",
+        *(Column(heading, justify="right") for heading in headings),
+        title="leakage: labyrinths of the second split with a counterpart in the first",
+        caption="nearest: walls to the nearest structure of the first, minimum and median",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    for each in leakage.pairs:
+        pair, of = each.pair, leakage.certificate.labyrinths[each.pair.second]
+        counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
+        counts += [each.within(walls) for walls in NEAR]
+        table.add_row(
+            f"{pair.first}\n{pair.second}",
+            *(f"{count:,}" for count in counts),
+            f"{len(each.same_route):,}" if with_routes else "-",
+            each.spread(of),
+        )
+    return table
+
+
+def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
+    found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
+    if found:
+        yield "Leakage:"
+        yield from found
+    else:
+        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
+    if leakage.cut:
+        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+
+def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    def named(split: str, number: str) -> str:
+        return files[split][number] if files else f"{split} {number}"
+
+    for pair in leakage.certificate.pairs:
+        mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
+        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+            for number, other in list(found.items())[:LEAKS_SHOWN]:
+                yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
+            if len(found) > LEAKS_SHOWN:
+                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
+
+
+# External datasets.
+
+
 @dataclass(frozen=True)
 class Elsewhere:
     """The labyrinths of an external dataset, with the problems in reading it."""
@@ -201,9 +269,7 @@ def _in_files(path: Path) -> Elsewhere:
     files: dict[str, dict[str, str]] = {}
     for split, place, found, _ in entries:
         if found is not None:
-            held: Held = structure_of(found)
-            if isinstance(found, Labyrinth) and not alone:
-                held = found
+            held = structure_of(found) if alone else found
             splits.setdefault(split, []).append(held)
             files.setdefault(split, {}).setdefault(id_of(held), place)
     return Elsewhere(splits, files, [entry.problem for entry in entries if entry.problem])
@@ -257,68 +323,3 @@ def _infos(source: str, stream: Any) -> Iterator[str]:
             if not isinstance(info, str):
                 raise DatasetError(f"{source}: info={info!r}: every row needs a text")
             yield info
-
-
-def _name_of(source: str, config: str | None) -> str:
-    """Return the path in `FOLDER` of an external dataset's analysis, unique to source and config.
-
-    A source with a named config gets a folder, with a file for the config.
-    """
-    names = []
-    for part in (source,) if config is None else (source, config):
-        readable = re.sub(r"[^\w.-]+", "-", part).strip("-.")[:99]
-        names.append(f"{readable}-{hashlib.sha256(part.encode()).hexdigest()[:8]}")
-    return f"{'/'.join(names)}.json"
-
-
-def _as_text(content: Mapping[str, Any]) -> str:
-    return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
-
-
-def _table(leakage: Leakage, *, with_routes: bool) -> Table:
-    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
-    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
-    table = Table(
-        "splits",
-        *(Column(heading, justify="right") for heading in headings),
-        title="leakage: labyrinths of the second split with a counterpart in the first",
-        caption="nearest: walls to the nearest structure of the first, minimum and median",
-        box=SIMPLE_HEAD,
-        padding=0,
-    )
-    for each in leakage.pairs:
-        pair, of = each.pair, leakage.certificate.labyrinths[each.pair.second]
-        counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
-        counts += [each.within(walls) for walls in NEAR]
-        table.add_row(
-            f"{pair.first}\n{pair.second}",
-            *(f"{count:,}" for count in counts),
-            f"{len(each.same_route):,}" if with_routes else "-",
-            each.spread(of),
-        )
-    return table
-
-
-def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
-    found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
-    if found:
-        yield "Leakage:"
-        yield from found
-    else:
-        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
-    if leakage.cut:
-        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
-
-
-def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    def named(split: str, number: str) -> str:
-        return files[split][number] if files else f"{split} {number}"
-
-    for pair in leakage.certificate.pairs:
-        mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
-        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
-            for number, other in list(found.items())[:LEAKS_SHOWN]:
-                yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
-            if len(found) > LEAKS_SHOWN:
-                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"

@@ -13,7 +13,7 @@ import yaml
 from labyrinth_core.data.dataset_config import QUESTIONS
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.evaluation.questions import (
@@ -63,12 +63,17 @@ def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
     folder = data_dir / questions_config(manifest.config.name)
     if not (folder / MANIFEST).is_file():
         return None
-    found, splits = Manifest.read(folder), question_splits(manifest.config)
-    made_from = [shard for shard in manifest.shards if shard.split in splits]
+    found, rows = Manifest.read(folder), asked_about(manifest)
     same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
-        (shard.path, shard.fingerprint) for shard in made_from
+        (shard.path, shard.fingerprint) for shard in rows
     ]
     return found if same and found.config == manifest.config else None
+
+
+def asked_about(manifest: Manifest) -> list[Shard]:
+    """Return the shards of a dataset about whose labyrinths the questions are."""
+    splits = question_splits(manifest.config)
+    return [shard for shard in manifest.shards if shard.split in splits]
 
 
 def default_config(manifests: list[Manifest]) -> str:
