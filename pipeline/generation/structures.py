@@ -242,10 +242,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     structures = unpack(config, sampled["train"])
     labyrinths = (own_labyrinth(config, "train", structure) for structure in structures)
     train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
-    taken = Taken(config)
-    for split, records in sampled.items():
-        for structure in unpack(config, records):
-            taken.add(split, structure)
+    taken = Taken(config, sampled)
     measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
     targets = [measures for measures in measured if measures is not None]  # Test holds the task.
 
@@ -265,20 +262,16 @@ def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
 class Taken:
     """The structures that shifts may not select: those that a split has, or that are near them."""
 
-    def __init__(self, config: DatasetConfig) -> None:
+    def __init__(self, config: DatasetConfig, sampled: Mapping[str, Records]) -> None:
         self._config = config
-        self._ids: set[int] = set()
+        # Shifts never select from the buckets of the other splits.
+        self._ids: set[int] = set(sampled["test"]["id"].tolist())
         self._near: Neighbourhood | None = None
         if config.min_walls > 1:
             size = config.height, config.width
             self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
-
-    def add(self, split: str, structure: Structure) -> None:
-        """Add a structure of train, validation or test."""
-        if self._near is not None:
-            self._near.add(structure)
-        if split == "test":  # Shifts never select from the buckets of the other splits.
-            self._ids.add(int(structure.structure_id, 16))
+            for structure in chain.from_iterable(unpack(config, of) for of in sampled.values()):
+                self._near.add(structure)
 
     def take(self, structure: Structure) -> bool:
         """Take a structure for a shift; return whether it was free."""

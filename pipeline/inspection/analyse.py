@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, groupby
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -288,8 +288,7 @@ def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
 def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]], str | None]:
     """Return the config of a dataset and, streamed, the values of `info` in each split.
 
-    No other column is downloaded. Equal values in consecutive rows come once. The name of a
-    default config is printed.
+    No other column is downloaded. The name of a default config is printed.
 
     Raises:
         DatasetError: There is no such dataset; or, while streaming, it cannot be read.
@@ -318,8 +317,7 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
 def _infos(source: str, stream: Any) -> Iterator[str]:
     with readable(source):
         tables = stream.with_format("arrow").iter(batch_size=256)
-        rows = chain.from_iterable(table["info"].to_pylist() for table in tables)
-        for info, _ in groupby(rows):
+        for info in chain.from_iterable(table["info"].to_pylist() for table in tables):
             if not isinstance(info, str):
                 raise DatasetError(f"{source}: info={info!r}: every row needs a text")
             yield info

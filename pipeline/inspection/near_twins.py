@@ -34,7 +34,6 @@ HELD_PAIRS = 1 << 20
 """The number of pairs held in memory at a time."""
 _ONES = np.array([byte.bit_count() for byte in range(256)], np.uint8)
 
-
 Planes = tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
 """Passages up (n, height - 1, width) and right (n, height, width - 1), marks (n, m, height, width).
 

@@ -54,7 +54,7 @@ def jensen_shannon(counts_a: ArrayLike, counts_b: ArrayLike) -> Floats:
         Shape (...).
     """
     counts = [np.asarray(each, np.float64) for each in (counts_a, counts_b)]
-    a, b = np.broadcast_arrays(*(each / each.sum(axis=-1, keepdims=True) for each in counts))
+    a, b = (each / each.sum(axis=-1, keepdims=True) for each in counts)
     middle = (a + b) / 2
     divergence = (_relative_entropy(a, middle) + _relative_entropy(b, middle)) / 2
     return np.sqrt(np.where(divergence < _NOTHING, 0, divergence))
