@@ -218,13 +218,12 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
-    _, fence, rest = content.partition(_FENCE)
-    front, closing, text = rest.partition("\n" + _FENCE)
+    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
     try:
         values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
     except yaml.YAMLError:
         values = None
-    if not fence or not isinstance(values, dict) or not _are_ours(values.get("configs")):
+    if not isinstance(values, dict) or not _are_ours(values.get("configs")):
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
 
