@@ -62,7 +62,7 @@ HOMES = {
     "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.export"),
     "datasets": (
         "pipeline.generation",
-        "pipeline.inspection.elsewhere",
+        "pipeline.inspection.analyse",
         "pipeline.release.verify",
         "pipeline.export",
     ),

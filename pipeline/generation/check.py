@@ -46,8 +46,8 @@ from pipeline.generation.table import (
     read_schema,
     table_part,
 )
+from pipeline.inspection.counts import routes_of
 from pipeline.inspection.front_matter import questions_of
-from pipeline.inspection.routes import routes_of
 from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions

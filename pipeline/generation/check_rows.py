@@ -106,15 +106,11 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
         first += len(columns[0])
 
 
-def _texts(column: pa.Array) -> list[str | None]:
-    """Return the texts of a column; in a dictionary-encoded column, equal texts are one object.
+def _texts(column: pa.DictionaryArray) -> list[str | None]:
+    """Return the texts of a dictionary-encoded column; equal texts are one object.
 
     The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
     """
-    import pyarrow as pa
-
-    if not pa.types.is_dictionary(column.type):
-        return column.to_pylist()  # type: ignore[no-any-return]
     values = [*column.dictionary.to_pylist(), None]
     return [values[-1 if place is None else place] for place in column.indices.to_pylist()]
 

@@ -70,8 +70,8 @@ def labyrinth_and_parent(
     """
     kind = SPLITS[split]
     if kind.parent is None:
-        return _own_labyrinth(config, split, structure), None
-    parent = _own_labyrinth(config, kind.parent, structure)
+        return own_labyrinth(config, split, structure), None
+    parent = own_labyrinth(config, kind.parent, structure)
     if kind.new_structure:
         return twin(config, parent), parent
     if kind.new_start and kind.new_goal:
@@ -105,24 +105,12 @@ def numbered_labyrinths(
         before = labyrinth
 
 
-def labyrinth_of(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the labyrinth of `labyrinth_and_parent`, which also lists the errors."""
-    return labyrinth_and_parent(config, split, structure)[0]
-
-
-def start_and_goal(config: DatasetConfig, split: str, structure: Structure) -> tuple[int, int]:
-    """Return start and goal of a structure in a split without a parent.
+def own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
+    """Return the labyrinth of a structure in a split without a parent.
 
     Raises:
-        LabyrinthError: No start and goal of the structure can hold the task.
+        LabyrinthError: The structure cannot hold the task.
     """
-    if config.goals == "fixed":
-        return default_start_and_goal(config.height, config.width)
-    labyrinth = _own_labyrinth(config, split, structure)
-    return labyrinth.start, labyrinth.goal
-
-
-def _own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
     if config.goals == "varied":
         return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
@@ -139,7 +127,7 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
     if config.task in TASKS_WITHOUT_TILES:
         return True
     try:
-        labyrinth = _own_labyrinth(config, split, structure)
+        labyrinth = own_labyrinth(config, split, structure)
         change_start(labyrinth, item_rng(config, "s0", structure))
         change_start_and_goal(labyrinth, item_rng(config, "s0_and_g", structure))
     except LabyrinthError:

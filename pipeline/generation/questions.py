@@ -8,10 +8,9 @@ name, and has its fingerprint, which shows whether the questions match the rows 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from functools import partial
 from itertools import chain, islice, zip_longest
-from typing import Any, NamedTuple
+from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
@@ -20,13 +19,12 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,
     question,
-    question_splits,
     questions_config,
 )
 from pipeline.config.run import Run
-from pipeline.generation.table import arrow_schema, read_schema
+from pipeline.generation.table import arrow_schema
 from pipeline.inspection import front_matter
-from pipeline.inspection.routes import routes_of
+from pipeline.inspection.counts import routes_of
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
@@ -46,17 +44,6 @@ PICTURES = ("image", "image_300", "image_url")
 """The columns whose bytes depend on the version of zlib."""
 
 
-class Job(NamedTuple):
-    """All that a worker needs to make the questions about one shard, or to check them."""
-
-    dataset: AnyPath
-    """The folder of the dataset."""
-    shard: Shard
-    """The shard of the dataset."""
-    folder: AnyPath
-    """The folder of the questions."""
-
-
 def run(run: Run) -> None:
     """Write the questions about the dataset of a run, unless they are there already.
 
@@ -69,7 +56,8 @@ def run(run: Run) -> None:
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
     found = front_matter.questions_of(run.data_dir, manifest)
     is_other = found is None or found.config != manifest.config  # Then replace it.
-    names = [MANIFEST, *(job.shard.path for job in _jobs(run.folder, manifest, folder))]
+    about = front_matter.shards_asked_about(manifest, manifest.config)
+    names = [MANIFEST, *(shard.path for shard in about)]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
     with produced(folder, key, overwrite=is_other, **rules) as made:
         state = "is there already" if made is None else _make(run, manifest, made)
@@ -80,38 +68,33 @@ def run(run: Run) -> None:
 
 def _make(run: Run, manifest: Manifest, folder: AnyPath) -> str:
     """Write the questions about a dataset to a folder; return a phrase with their number."""
-    jobs = _jobs(run.folder, manifest, folder)
-    write = partial(_write, scratch=folder.parent)
-    made = ((shard.rows, shard) for shard in ordered_map(write, jobs, run.options.workers))
-    total = sum(job.shard.labyrinths for job in jobs)
+    about = front_matter.shards_asked_about(manifest, manifest.config)
+    write = partial(_write, run.folder, folder)
+    made = ((shard.rows, shard) for shard in ordered_map(write, about, run.options.workers))
+    total = sum(shard.labyrinths for shard in about)
     shards = tuple(tracked(made, "questions", total=total))
     Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
     return f"has {sum(shard.rows for shard in shards):,} questions"
 
 
-def _jobs(dataset: AnyPath, manifest: Manifest, folder: AnyPath) -> list[Job]:
-    splits = question_splits(manifest.config)
-    return [Job(dataset, shard, folder) for shard in manifest.shards if shard.split in splits]
-
-
-def _write(job: Job, scratch: AnyPath) -> Shard:
-    """Write the questions about a shard, and return their shard."""
+def _write(dataset: AnyPath, folder: AnyPath, about: Shard) -> Shard:
+    """Write the questions about a shard of a dataset, and return their shard."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     rows = longest = 0
     schema = arrow_schema(QUESTION_COLUMNS)
-    with new_file(job.folder / job.shard.path, scratch) as path:
+    with new_file(folder / about.path, folder.parent) as path:
         with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
             writer.add_key_value_metadata(schema.metadata)
-            questions = _questions(job)
+            questions = _questions(dataset, about)
             while group := list(islice(questions, GROUP_ROWS)):
                 writer.write_table(pa.Table.from_pylist(group, schema))
                 rows += len(group)
                 longest = max(longest, *(row["moves"] for row in group))
         return Shard(
-            path=job.shard.path,
-            split=job.shard.split,
+            path=about.path,
+            split=about.split,
             labyrinths=rows,
             episodes=rows,
             rows=rows,
@@ -119,18 +102,18 @@ def _write(job: Job, scratch: AnyPath) -> Shard:
             cut=0,
             bytes=path.stat().st_size,
             sha256=file_sha256(path),
-            fingerprint=job.shard.fingerprint,
+            fingerprint=about.fingerprint,
         )
 
 
-def _questions(job: Job) -> Iterator[dict[str, Any]]:
+def _questions(dataset: AnyPath, about: Shard) -> Iterator[dict[str, Any]]:
     """Yield the question about each labyrinth of a shard; raise DatasetError if one allows none."""
-    for route in routes_of(job.dataset, job.shard):
+    for route in routes_of(dataset, about):
         if route.is_first:
             try:
                 yield question(route.labyrinth)
             except ValueError as error:
-                raise DatasetError(f"{job.dataset / job.shard.path}: {error}") from error
+                raise DatasetError(f"{dataset / about.path}: {error}") from error
 
 
 def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
@@ -145,33 +128,42 @@ def question_problems(data_dir: AnyPath, manifest: Manifest, workers: int = 1) -
     if questions is None:
         return []
     name = manifest.config.name
-    manifest = replace(manifest, config=questions.config)  # It may have more shifts since.
-    jobs = _jobs(data_dir / name, manifest, data_dir / questions_config(name))
-    pairs = list(zip(jobs, questions.shards, strict=True))
-    check = partial(_check, same_bytes=dict(questions.versions) == build_versions())
+    about = front_matter.shards_asked_about(manifest, questions.config)
+    pairs = list(zip(about, questions.shards, strict=True))
+    same_bytes = dict(questions.versions) == build_versions()
+    check = partial(_check, data_dir / name, data_dir / questions_config(name), same_bytes)
     return [line for lines in ordered_map(check, pairs, workers) for line in lines]
 
 
-def _check(made: tuple[Job, Shard], *, same_bytes: bool) -> list[str]:
+def _check(
+    dataset: AnyPath, folder: AnyPath, same_bytes: bool, made: tuple[Shard, Shard]
+) -> list[str]:
     """Return a message for each column of the questions that differs from what labyrinths give.
 
     Each column is named once, with the first row in which it is wrong.
+
+    Args:
+        dataset: The folder of the dataset.
+        folder: The folder of the questions.
+        same_bytes: Whether pictures must be equal byte for byte.
+        made: A shard of the dataset, and the shard of the questions about it.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    job, shard = made
-    path = job.folder / shard.path
+    about, shard = made
+    path = folder / shard.path
     wrong: dict[str, int] = {}
     try:
         with readable(path), local_copy(path) as local:
             check_file(local, shard, path)
-            if not read_schema(local).equals(arrow_schema(QUESTION_COLUMNS), check_metadata=False):
-                return [f"{path}: its columns are not those of questions"]
             with pq.ParquetFile(local) as file:
+                schema = arrow_schema(QUESTION_COLUMNS)
+                if not file.schema_arrow.equals(schema, check_metadata=False):
+                    return [f"{path}: its columns are not those of questions"]
                 check_footer(file, shard, path)
                 batches = map(pa.RecordBatch.to_pylist, file.iter_batches(GROUP_ROWS))
-                pairs = zip_longest(chain.from_iterable(batches), _questions(job))
+                pairs = zip_longest(chain.from_iterable(batches), _questions(dataset, about))
                 for number, (row, right) in enumerate(pairs):
                     if row is None or right is None:
                         return [f"{path}: it has too few or too many rows, from row {number} on"]

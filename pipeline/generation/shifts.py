@@ -23,13 +23,7 @@ from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthErro
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.generation.labyrinths import (
-    TASKS_WITHOUT_TILES,
-    labyrinth_of,
-    start_and_goal,
-    toggled,
-    walls,
-)
+from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, own_labyrinth, toggled, walls
 
 
 class Train(NamedTuple):
@@ -53,17 +47,6 @@ class Measures(NamedTuple):
     """The number of cells where ways part."""
 
 
-class Effort(NamedTuple):
-    """The number of candidates that a selection looks at."""
-
-    pool: int = 96
-    """The number of candidates to choose from."""
-    renewed: int = 6
-    """The number of them that are new for each choice."""
-    patience: int = 30_000
-    """The number of unsuitable structures in a row after which the search ends."""
-
-
 Problem = Callable[[Measures, Callable[[], Labyrinth], Train], str | None]
 
 
@@ -83,7 +66,12 @@ class SelectedShift:
     train."""
     sampler: str | None = None
     open_walls: Callable[[DatasetConfig, Train], float] = lambda config, _train: config.open_walls
-    effort: Effort = Effort()  # noqa: RUF009
+    pool: int = 96
+    """The number of candidates to choose from."""
+    renewed: int = 6
+    """The number of them that are new for each choice."""
+    patience: int = 30_000
+    """The number of unsuitable structures in a row after which the search ends."""
     is_stretched: bool = False
     """Whether candidates are changed until their route is longer than the longest of train."""
     needs_routes: bool = False
@@ -116,11 +104,12 @@ class SelectedShift:
 
 def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Measures | None:
     """Return the measures of a structure in a split, None if it cannot hold the task."""
-    if config.task in TASKS_WITHOUT_TILES:  # Making the labyrinth takes 7 times as long at 5x5.
-        moves = least_moves(structure, *start_and_goal(config, split, structure))
+    if config.task in TASKS_WITHOUT_TILES and config.goals == "fixed":
+        # Making the labyrinth takes 7 times as long at 5x5.
+        moves = least_moves(structure, *default_start_and_goal(config.height, config.width))
     else:
         try:
-            moves = moves_of(labyrinth_of(config, split, structure))
+            moves = moves_of(own_labyrinth(config, split, structure))
         except LabyrinthError:
             return None
     return Measures(moves, structure.loops, structure.junctions)
@@ -164,7 +153,9 @@ SELECTED_SHIFTS = {
     "longer": SelectedShift(
         ("loops", "junctions"),
         _not_longer,
-        effort=Effort(pool=8, renewed=1, patience=200),
+        pool=8,
+        renewed=1,
+        patience=200,
         is_stretched=True,
     ),
     "trees": SelectedShift(
@@ -175,7 +166,8 @@ SELECTED_SHIFTS = {
     "test_new_routes": SelectedShift(
         Measures._fields,
         _known_route,
-        effort=Effort(renewed=2, patience=1_000),
+        renewed=2,
+        patience=1_000,
         needs_routes=True,
     ),
 }

@@ -35,7 +35,7 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, labyrinth_of, solve
+from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, own_labyrinth, solve
 from pipeline.generation.shifts import (
     SELECTED_SHIFTS,
     Measures,
@@ -240,12 +240,9 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
         ConfigError: A shift finds too few structures.
     """
     structures = unpack(config, sampled["train"])
-    labyrinths = (labyrinth_of(config, "train", structure) for structure in structures)
+    labyrinths = (own_labyrinth(config, "train", structure) for structure in structures)
     train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
-    taken = Taken(config)
-    for split, records in sampled.items():
-        for structure in unpack(config, records):
-            taken.add(split, structure)
+    taken = Taken(config, sampled)
     measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
     targets = [measures for measures in measured if measures is not None]  # Test holds the task.
 
@@ -265,20 +262,16 @@ def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
 class Taken:
     """The structures that shifts may not select: those that a split has, or that are near them."""
 
-    def __init__(self, config: DatasetConfig) -> None:
+    def __init__(self, config: DatasetConfig, sampled: Mapping[str, Records]) -> None:
         self._config = config
-        self._ids: set[int] = set()
+        # Shifts never select from the buckets of the other splits.
+        self._ids: set[int] = set(sampled["test"]["id"].tolist())
         self._near: Neighbourhood | None = None
         if config.min_walls > 1:
             size = config.height, config.width
             self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
-
-    def add(self, split: str, structure: Structure) -> None:
-        """Add a structure of train, validation or test."""
-        if self._near is not None:
-            self._near.add(structure)
-        if split == "test":  # Shifts never select from the buckets of the other splits.
-            self._ids.add(int(structure.structure_id, 16))
+            for structure in chain.from_iterable(unpack(config, of) for of in sampled.values()):
+                self._near.add(structure)
 
     def take(self, structure: Structure) -> bool:
         """Take a structure for a shift; return whether it was free."""
@@ -309,14 +302,14 @@ def select(
     """
     shift = SELECTED_SHIFTS[split]
     candidates = _candidates(config, split, train)
-    pool = list(islice(candidates, shift.effort.pool))
+    pool = list(islice(candidates, shift.pool))
     for number, measures in enumerate(targets):
-        pool += islice(candidates, shift.effort.renewed)
-        del pool[: -shift.effort.pool]
+        pool += islice(candidates, shift.renewed)
+        del pool[: -shift.pool]
         chosen = _nearest(pool, _free(split, measures), taken)
         if chosen is None:
             pool.clear()
-            more = (each.structure for each in islice(candidates, shift.effort.patience))
+            more = (each.structure for each in islice(candidates, shift.patience))
             chosen = next(filter(taken.take, more), None)
         if chosen is None:
             raise ConfigError(
@@ -354,10 +347,10 @@ def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Can
     without = 0
     for structure in shift.draw(config, split, train, np.random.default_rng(seed)):
         without += 1
-        if without > shift.effort.patience:
+        if without > shift.patience:
             return
         measures = measures_of(config, split, structure)
-        labyrinth = partial(labyrinth_of, config, split, structure)
+        labyrinth = partial(own_labyrinth, config, split, structure)
         if measures is not None and shift.problem(measures, labyrinth, train) is None:
             without = 0
             yield Candidate(_free(split, measures), structure)

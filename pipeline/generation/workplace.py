@@ -22,7 +22,7 @@ from labyrinth_core.data.storage import (
     temporaries,
     write_text,
 )
-from pipeline.machinery.artifact import HASHES, Sums, is_litter
+from pipeline.machinery.artifact import HASHES, Sums, differences, is_litter, named
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import followed, move_into_place, recover, remove
 
@@ -151,12 +151,7 @@ class Workplace:
 
     def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
         """Raise a DatasetError that names the differences from the build that has begun."""
-        there, here = self._begun(), _content(config, parts or self.parts)
-        differing = "; ".join(
-            f"{key}={there.get(key)}, not {here.get(key)}"
-            for key in there | here
-            if there.get(key) != here.get(key)
-        )
+        differing = differences(self._begun(), _content(config, parts or self.parts))
         cure = "overwrite=true without part to start again"
         if parts is not None and self.is_for(config):
             cure = f"overwrite=true to go on in {parts} parts"
@@ -241,8 +236,7 @@ def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:
     """Raise DatasetError if any of `others`, which are not ours, is a user's file."""
     if names := sorted(path.name for path in others if not is_litter(path.name)):
-        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         raise DatasetError(
-            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost and does not belong "
-            "to a dataset: move it elsewhere, or choose another data_dir"
+            f"{folder} holds {named(names)}, which would be lost and does not belong to a dataset: "
+            "move it elsewhere, or choose another data_dir"
         )

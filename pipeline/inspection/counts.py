@@ -1,12 +1,13 @@
-"""Counts of a dataset's rows: sums over each split, and numbers for each labyrinth.
+"""The routes of a dataset's episodes, read without their pictures, and counts of its rows.
 
-One pass over a shard computes all of them, with the labyrinths of one shard in memory.
+The counts are sums over each split, and numbers for each labyrinth. One pass over a shard computes
+all of them, with the labyrinths of one shard in memory.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
 from typing import NamedTuple
@@ -14,17 +15,78 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.dataset import Part
+from labyrinth_core.data.episodes import grouped
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.world.dynamics import Action
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.dynamics import Action, initial, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import optimal_actions
-from pipeline.inspection.certificate import Keys, size_of
-from pipeline.inspection.routes import Route, routes_of
+from labyrinth_core.world.solver import optimal_actions, table_and_distances
+from pipeline.inspection.leakage import Keys
 
 EXAMPLES = 5
 """The number of labyrinths per split kept as examples, for pictures."""
+
+
+class Route(NamedTuple):
+    """The route of one episode."""
+
+    labyrinth: Labyrinth
+    is_first: bool
+    """Whether it is the labyrinth's first route."""
+    shortest: int
+    """The number of moves of a shortest route in the labyrinth, from its start."""
+    states: Sequence[int]
+    """The T + 1 states visited, as `dynamics` numbers them: modulo the cells, the agent's cell."""
+    actions: Sequence[int]
+    """The T actions taken."""
+    returned: float
+    """The sum of the episode's rewards."""
+
+
+def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Route]:
+    """Yield the routes of episodes.
+
+    Args:
+        episodes: The text, the actions and the return of each, grouped by labyrinth.
+
+    Raises:
+        ValueError: A text does not describe a labyrinth, or an action is negative.
+        IndexError: An action is too large.
+    """
+    before = None
+    for text, actions, returned in episodes:
+        is_first = text != before
+        if is_first:
+            before = text
+            labyrinth = parse(text)
+            table, distances = table_and_distances(labyrinth)
+            start = state_index(labyrinth, initial(labyrinth))
+            shortest = distances[start]
+        if min(actions, default=0) < 0:
+            raise ValueError(f"{min(actions)} is not an action")
+        states = [start]
+        for action in actions:
+            states.append(table[states[-1]][action])
+        yield Route(labyrinth, is_first, shortest, states, actions, returned)
+
+
+def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
+    """Yield the routes of a shard, reading one row group at a time.
+
+    Raises:
+        DatasetError: The file is missing or damaged, or its rows do not form episodes.
+    """
+    path = folder / shard.path
+    groups = grouped(Part(folder, [shard]).rows(pictures=False))
+    try:
+        yield from routes(episode for group in groups for episode in group.each())
+    except (ValueError, IndexError, DatasetError) as error:
+        if str(path) in str(error):  # From `Part.rows`.
+            raise
+        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
 
 
 class Example(NamedTuple):
@@ -154,9 +216,8 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
     cells = size[0] * size[1]
     for route in routes:
         if route.is_first:
-            if size_of(route.labyrinth) != size:
-                held = route.labyrinth.size_name
-                raise ValueError(f"a labyrinth is {held}, not {size[0]}x{size[1]}")
+            if (held := route.labyrinth.size_name) != (asked := f"{size[0]}x{size[1]}"):
+                raise ValueError(f"a labyrinth is {held}, not {asked}")
             labyrinths.append(route.labyrinth)
             moves.append(route.shortest)
             actions.append(np.zeros(len(Action), np.int64))

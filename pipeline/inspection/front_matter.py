@@ -10,10 +10,10 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.dataset_config import QUESTIONS
+from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
 from labyrinth_core.evaluation.questions import (
@@ -68,10 +68,9 @@ def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
     if not (folder / MANIFEST).is_file():
         return None
     found = Manifest.read(folder)
-    splits, shifts = question_splits(found.config), found.config.shifts
-    made_from = [shard for shard in manifest.shards if shard.split in splits]
+    shifts, rows = found.config.shifts, shards_asked_about(manifest, found.config)
     same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
-        (shard.path, shard.fingerprint) for shard in made_from
+        (shard.path, shard.fingerprint) for shard in rows
     ]
     return found if same and found.config == replace(manifest.config, shifts=shifts) else None
 
@@ -83,6 +82,12 @@ def asked(manifests: Sequence[Manifest]) -> dict[str, Manifest]:
         for manifest in manifests
         if manifest.questions is not None
     }
+
+
+def shards_asked_about(manifest: Manifest, config: DatasetConfig) -> list[Shard]:
+    """Return the shards of a dataset whose labyrinths the questions of a config are about."""
+    splits = question_splits(config)
+    return [shard for shard in manifest.shards if shard.split in splits]
 
 
 def default_config(manifests: list[Manifest]) -> str:
@@ -232,13 +237,12 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
-    _, fence, rest = content.partition(_FENCE)
-    front, closing, text = rest.partition("\n" + _FENCE)
+    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
     try:
         values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
     except yaml.YAMLError:
         values = None
-    if not fence or not isinstance(values, dict) or not _are_ours(values.get("configs")):
+    if not isinstance(values, dict) or not _are_ours(values.get("configs")):
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
 

@@ -1,14 +1,18 @@
-"""Leakage: what labyrinths of two splits have in common beyond an equal structure.
+"""Leakage: what labyrinths of two splits have in common.
 
-Every result is exact. Rotations, reflections and shared routes are found by looking up keys that
-matching labyrinths share, so the time grows with the number of labyrinths, not of pairs.
-`certificate` computes the keys of structures; `near_twins` finds structures a few walls apart.
+The certificate of disjointness compares structures. It takes 63-bit hashes, three per labyrinth:
+two different labyrinths have the same hash with a probability of 2 ** -63. `find_leakage` also
+compares routes, and finds near twins.
+
+Every result is exact. What matches is found by looking up keys that matching labyrinths share, so
+the time grows with the number of labyrinths, not of pairs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import inf
 from statistics import median
 from typing import Any, NamedTuple
@@ -16,25 +20,18 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.inspection.certificate import (
-    Certificate,
-    Found,
-    Hashes,
-    Held,
-    Keys,
-    Pair,
-    canonical_hashes,
-    certify,
-    counterparts,
-    digits,
-    ids_of,
-    places_by_size,
-    size_of,
-    structure_of,
+from pipeline.inspection.near_twins import (
+    FAR,
+    JOINED_WALLS,
+    canonical_keys,
+    nearest,
+    passage_table,
 )
-from pipeline.inspection.near_twins import FAR, JOINED_WALLS, nearest, passage_table
+from pipeline.machinery.markdown import count
 
 NEAR = range(1, JOINED_WALLS + 1)
 """The distances in walls within which near twins are counted."""
@@ -42,8 +39,203 @@ NEAR = range(1, JOINED_WALLS + 1)
 ROUTES = 1_000
 """The maximum number of optimal routes compared per labyrinth."""
 
+Hashes = NDArray[np.int64]
+"""One hash of each labyrinth, shape (labyrinths,)."""
+
+Held = Labyrinth | Structure
+"""An item of a split: a labyrinth, or only its structure if start and goal are unknown."""
+
+Found = Mapping[str, str]
+"""Id of a labyrinth of the second split -> id of its first counterpart in the first split."""
+
 OptimalRoute = tuple[int, int, int, bytes]
 """Height and width of the labyrinth, the start, and the actions."""
+
+
+class Keys(NamedTuple):
+    """The hashes by which the labyrinths of a split are compared, in the order of the split."""
+
+    labyrinth: Hashes
+    """The id of the labyrinth, as `labyrinth_id` gives it."""
+    structure: Hashes
+    """The id of its structure."""
+    mirrored: Hashes
+    """A hash that all rotations and reflections of structure, start and goal together share."""
+
+    @classmethod
+    def of(cls, labyrinths: Sequence[Held]) -> Keys:
+        """Return the keys of labyrinths."""
+        structures = [int(structure_of(each).structure_id, 16) for each in labyrinths]
+        mirrored = _canonical_hashes(labyrinths, with_ends=True)
+        return cls(_ids_of(labyrinths), np.array(structures, np.int64), mirrored)
+
+    @classmethod
+    def joined(cls, parts: Iterable[Keys]) -> Keys:
+        """Return the keys of consecutive shards."""
+        return cls(*map(np.concatenate, zip(*parts, strict=True)))
+
+
+def structure_of(labyrinth: Held) -> Structure:
+    """Return the structure of a labyrinth."""
+    return labyrinth if isinstance(labyrinth, Structure) else labyrinth.structure
+
+
+def id_of(labyrinth: Held) -> str:
+    """Return the id of a labyrinth, or of a structure."""
+    return labyrinth.structure_id if isinstance(labyrinth, Structure) else labyrinth_id(labyrinth)
+
+
+def _ids_of(labyrinths: Sequence[Held]) -> Hashes:
+    return np.array([int(id_of(each), 16) for each in labyrinths], np.int64)
+
+
+def _places_by_size(labyrinths: Sequence[Held]) -> dict[tuple[int, int], list[int]]:
+    """Return the indices of the labyrinths of each height and width."""
+    places: dict[tuple[int, int], list[int]] = {}
+    for place, structure in enumerate(map(structure_of, labyrinths)):
+        places.setdefault((structure.height, structure.width), []).append(place)
+    return places
+
+
+def _canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
+    """Return a hash of each labyrinth that its rotations and reflections share.
+
+    Args:
+        labyrinths: Labyrinths of any sizes.
+        with_ends: Whether start and goal must match, too. Ignored for a size of which some
+            items are structures.
+    """
+    hashes = np.zeros(len(labyrinths), np.int64)
+    for size, places in _places_by_size(labyrinths).items():
+        held = [labyrinths[place] for place in places]
+        ends = [(each.start, each.goal) for each in held if isinstance(each, Labyrinth)]
+        marked = np.array(ends) if with_ends and len(ends) == len(held) else None
+        keys = canonical_keys(*size, passage_table(list(map(structure_of, held))), marked)
+        name = f"{min(size)}x{max(size)}"
+        hashes[places] = [int(identity(f"{name}:{key.hex()}"), 16) for key in keys]
+    return hashes
+
+
+def _counterparts(
+    first_ids: Hashes, first: Hashes, second_ids: Hashes, second: Hashes
+) -> dict[str, str]:
+    """Return the labyrinths of the second split whose hash occurs in the first split.
+
+    Args:
+        first_ids: The ids of the labyrinths of the first split.
+        first: Their hashes.
+        second_ids: The ids of the labyrinths of the second split.
+        second: Their hashes.
+
+    Returns:
+        Id in the second split -> id of the first labyrinth of the first split with that hash.
+    """
+    known, places = np.unique(first, return_index=True)
+    if not len(known):
+        return {}
+    at = np.minimum(np.searchsorted(known, second), len(known) - 1)
+    found = np.flatnonzero(known[at] == second)
+    ids = zip(second_ids[found], first_ids[places[at[found]]], strict=True)
+    return {_digits(number): _digits(other) for number, other in ids}
+
+
+def _digits(number: np.int64) -> str:
+    """Return an id as text: 16 hexadecimal digits."""
+    return f"{number:016x}"
+
+
+@dataclass(frozen=True)
+class Pair:
+    """The labyrinths of the second of two splits that are also in the first."""
+
+    first: str
+    second: str
+    equal: Found
+    """Labyrinths with the same structure."""
+    mirrored: Found
+    """`equal`, and labyrinths equal after a rotation or reflection, with start and goal."""
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """Which structures the splits of a dataset share or repeat."""
+
+    labyrinths: Mapping[str, int]
+    """Split -> number of different labyrinths in it."""
+    repeated: Mapping[str, int]
+    """Split -> number of labyrinths whose structure occurs earlier in the same split."""
+    pairs: Sequence[Pair]
+    """All pairs of splits with structures of their own.
+
+    A shift is compared only with train, and with validation, on which a model is selected.
+    """
+    strangers: Mapping[str, Sequence[str]]
+    """Split made from its parent's structures -> ids of its labyrinths with other structures."""
+
+    def problems(self) -> Iterator[str]:
+        """Yield a line for each pair of splits, and each split, that breaks the guarantee."""
+        for pair in self.pairs:
+            if pair.mirrored:
+                yield (
+                    f"{pair.first} and {pair.second} share {count(len(pair.equal), 'structure')}, "
+                    f"{len(pair.mirrored)} counting mirror images"
+                )
+        yield from self.problems_of_splits()
+
+    def problems_of_splits(self) -> Iterator[str]:
+        """Yield a line for each split that repeats structures or has some that its parent lacks."""
+        for split, copies in self.repeated.items():
+            made_from_others = split in SHIFTS and SPLITS[split].parent is not None
+            if copies and split not in self.strangers and not made_from_others:
+                yield f"{split} repeats {count(copies, 'structure')}"
+        for split, ids in self.strangers.items():
+            if ids:
+                others = count(len(ids), "structure")
+                yield f"{split} has {others} not found in {SPLITS[split].parent}"
+
+
+def certify(splits: Mapping[str, Keys]) -> Certificate:
+    """Return the certificate of a dataset.
+
+    Args:
+        splits: The keys of each split. A split named as in `SPLITS` is assumed to reuse the
+            structures of its parent, if the parent is among the splits; all other splits are
+            compared with each other.
+    """
+    names = dict.fromkeys([*(split for split in SPLITS if split in splits), *splits])
+    strangers = {}
+    for split in names:
+        parent = _parent(split)
+        if parent != split and parent in splits and len(splits[parent].structure):
+            strange = ~np.isin(splits[split].structure, splits[parent].structure)
+            ids = splits[split].labyrinth[strange]
+            strangers[split] = list(dict.fromkeys(map(_digits, ids)))
+    own = [name for name in names if name not in strangers]
+    return Certificate(
+        labyrinths={split: len(np.unique(splits[split].labyrinth)) for split in names},
+        repeated={
+            split: len(splits[split].structure) - len(np.unique(splits[split].structure))
+            for split in names
+        },
+        pairs=tuple(
+            _compared(first, splits[first], second, splits[second])
+            for first, second in combinations(own, 2)
+            if second not in SHIFTS or first in SAMPLED_SPLITS[:2]
+        ),
+        strangers=strangers,
+    )
+
+
+def _parent(split: str) -> str:
+    """Return the split whose structures a split reuses, or the split itself."""
+    kind = SPLITS.get(split)
+    return split if kind is None or kind.new_structure else kind.parent or split
+
+
+def _compared(first: str, base: Keys, second: str, other: Keys) -> Pair:
+    equal = _counterparts(base.labyrinth, base.structure, other.labyrinth, other.structure)
+    mirrored = _counterparts(base.labyrinth, base.mirrored, other.labyrinth, other.mirrored)
+    return Pair(first, second, equal, equal | mirrored)
 
 
 @dataclass(frozen=True)
@@ -139,11 +331,11 @@ def _known(labyrinths: list[Held]) -> _Known:
     found = [_optimal(each) for each in labyrinths]
     of_size = {
         size: (places, passage_table([structure_of(labyrinths[place]) for place in places]))
-        for size, places in places_by_size(labyrinths).items()
+        for size, places in _places_by_size(labyrinths).items()
     }
     return _Known(
-        ids_of(labyrinths),
-        canonical_hashes(labyrinths, with_ends=False),
+        _ids_of(labyrinths),
+        _canonical_hashes(labyrinths, with_ends=False),
         [routes[:ROUTES] for routes in found],
         sum(len(routes) > ROUTES for routes in found),
         of_size,
@@ -154,12 +346,12 @@ def _optimal(labyrinth: Held) -> list[OptimalRoute]:
     """Return at most `ROUTES` + 1 optimal routes of a labyrinth; none for a structure."""
     if not isinstance(labyrinth, Labyrinth):
         return []
-    routes = shortest_routes(labyrinth, ROUTES + 1)
-    return [(*size_of(labyrinth), labyrinth.start, bytes(route)) for route in routes]
+    beginning = labyrinth.structure.height, labyrinth.structure.width, labyrinth.start
+    return [(*beginning, bytes(route)) for route in shortest_routes(labyrinth, ROUTES + 1)]
 
 
 def _closeness(pair: Pair, base: _Known, other: _Known) -> Closeness:
-    symmetric = counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
+    symmetric = _counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
     return Closeness(
         pair,
         symmetric=dict(pair.mirrored) | symmetric,
@@ -175,7 +367,7 @@ def _same_route(base: _Known, other: _Known) -> Iterator[tuple[str, str]]:
             owner.setdefault(route, place)
     for number, routes in zip(other.numbers, other.routes, strict=True):
         if places := [owner[route] for route in routes if route in owner]:
-            yield digits(number), digits(base.numbers[min(places)])
+            yield _digits(number), _digits(base.numbers[min(places)])
 
 
 def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]]]:
@@ -186,5 +378,5 @@ def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]
             pairs = zip(places, near.which.tolist(), near.walls.tolist(), strict=True)
             for place, index, walls in pairs:
                 if walls != FAR:
-                    twin = digits(base.numbers[held[index]])
-                    yield digits(other.numbers[place]), (twin, walls)
+                    twin = _digits(base.numbers[held[index]])
+                    yield _digits(other.numbers[place]), (twin, walls)

@@ -1,4 +1,6 @@
-"""An exact search for structures a few walls apart, in almost linear time.
+"""Structures of one size compared as bits: which are equal when turned, which a few walls apart.
+
+The search for structures a few walls apart is exact, and takes almost linear time.
 
 The distance of two structures of one size is the number of passages that only one of them has.
 Cut the passages of the grid into blocks: structures that are at most `walls` apart differ in at
@@ -13,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from itertools import combinations
 from math import comb
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +33,12 @@ FAR = -1
 HELD_PAIRS = 1 << 20
 """The number of pairs held in memory at a time."""
 _ONES = np.array([byte.bit_count() for byte in range(256)], np.uint8)
+
+Planes = tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_]]
+"""Passages up (n, height - 1, width) and right (n, height, width - 1), marks (n, m, height, width).
+
+Axes of the grid: row 0 at the bottom, column 0 at the left.
+"""
 
 
 class Nearest(NamedTuple):
@@ -55,6 +63,51 @@ def passage_table(structures: Sequence[Structure]) -> NDArray[np.bool_]:
     up, right = each.up[:, there.up[0]], each.right[:, there.right[0]]
     passages: NDArray[np.bool_] = np.concatenate([up, right], axis=1)
     return passages
+
+
+def canonical_keys(
+    height: int, width: int, passages: NDArray[np.bool_], cells: NDArray[np.int64] | None
+) -> list[bytes]:
+    """Return a key for each structure, the same for all its rotations and reflections.
+
+    Args:
+        height: Rows of all structures.
+        width: Columns.
+        passages: As `passage_table` gives them, shape (n, passages).
+        cells: Marked cells, shape (n, m). If given, equal keys mean that one symmetry maps both
+            the structure and the cells.
+    """
+    count, vertical = len(passages), (height - 1) * width
+    marks = np.zeros((count, 0 if cells is None else cells.shape[1], height * width), np.bool_)
+    if cells is not None:
+        np.put_along_axis(marks, cells[:, :, None], True, axis=2)
+    planes = (
+        passages[:, :vertical].reshape(count, height - 1, width),
+        passages[:, vertical:].reshape(count, height, width - 1),
+        marks.reshape(count, -1, height, width),
+    )
+    least: NDArray[Any] | None = None
+    for image in _images(planes):
+        if image[2].shape[2] <= image[2].shape[3]:
+            flat = np.concatenate([plane.reshape(count, -1) for plane in image], axis=1)
+            packed = np.packbits(flat, axis=1)
+            key = packed.view(f"S{packed.shape[1]}")[:, 0]
+            least = key if least is None else np.where(key < least, key, least)
+    assert least is not None
+    keys: list[bytes] = least.tolist()
+    return keys
+
+
+def _images(planes: Planes) -> Iterator[Planes]:
+    """Yield the eight rotations and reflections, the given one first, as `Structure.symmetries`."""
+    up, right, marks = planes
+    for turn in range(8):
+        yield up, right, marks
+        if turn % 2:  # Left and right exchanged.
+            up, right, marks = up[..., ::-1], right[..., ::-1], marks[..., ::-1]
+        else:  # Rows and columns exchanged.
+            up, right = right.swapaxes(1, 2), up.swapaxes(1, 2)
+            marks = marks.swapaxes(2, 3)
 
 
 def nearest(of: NDArray[np.bool_], among: NDArray[np.bool_]) -> Nearest:

@@ -25,8 +25,8 @@ from labyrinth_core.evaluation.schema import (
     check_shape,
 )
 from pipeline.inspection import front_matter
-from pipeline.inspection.certificate import Certificate, Keys, certify
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
+from pipeline.inspection.leakage import Certificate, Keys, certify
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map

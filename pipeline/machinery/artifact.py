@@ -154,7 +154,7 @@ class Sums:
         ]
         if lost := [name for name in found if any(fnmatchcase(name, each) for each in ours)]:
             reason = "which would be lost: move it elsewhere"
-            raise DatasetError(f"{self.folder} holds {_named(lost)}, {reason}, or {instead}")
+            raise DatasetError(f"{self.folder} holds {named(lost)}, {reason}, or {instead}")
         return found
 
     def others(self, files: Mapping[str, bytes]) -> list[str]:
@@ -174,7 +174,7 @@ class Sums:
             raise DatasetError(f"{self.folder} {what}: {advice}")
         if others := self.others(files):
             raise DatasetError(
-                f"{_named([str(self.folder / name) for name in others])}: made or changed by "
+                f"{named([str(self.folder / name) for name in others])}: made or changed by "
                 f"someone else, so not overwritten: move it away, or {instead}"
             )
 
@@ -280,7 +280,7 @@ def produced(
             yield None
             return
         if damaged := there.damaged():
-            say(f"{folder} is made again, because damaged or missing: {_named(damaged)}.")
+            say(f"{folder} is made again, because damaged or missing: {named(damaged)}.")
         if not isinstance(place, Path):
             _claim(there, mark, names)
             yield place
@@ -342,7 +342,7 @@ def _names_in(folder: AnyPath) -> list[str]:
     return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
-def _named(names: Sequence[str]) -> str:
+def named(names: Sequence[str]) -> str:
     """Return the first three of some names, and how many more there are."""
     more = f" and {len(names) - 3} more" if len(names) > 3 else ""
     return f"{', '.join(names[:3])}{more}"

@@ -19,8 +19,7 @@ from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.inspection.counts import SplitCounts
-from pipeline.inspection.routes import Route, routes_of
+from pipeline.inspection.counts import Route, SplitCounts, routes_of
 from pipeline.machinery.executor import ordered_map
 
 _NUMBER_BYTES = 4

@@ -19,7 +19,7 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.run import Run
-from pipeline.inspection.routes import routes_of
+from pipeline.inspection.counts import routes_of
 
 pytestmark = pytest.mark.slow
 

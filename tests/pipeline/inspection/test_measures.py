@@ -20,7 +20,7 @@ from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.inspection.analyse import read_contents
 from pipeline.inspection.counts import Content
-from pipeline.inspection.measures import MEASURES, compare
+from pipeline.inspection.shift import MEASURES, compare
 
 PAIR = ("train", "s0_and_g")
 

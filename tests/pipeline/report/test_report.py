@@ -17,8 +17,7 @@ from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from pipeline.inspection.counts import count_routes
-from pipeline.inspection.routes import routes
+from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES
 from pipeline.release.card import write_card
