@@ -63,7 +63,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
             if made is not None:
                 path = working / CHECKPOINT
                 if overwrite and path.exists() and identity_in(path) != identity:
-                    path.unlink()
+                    remove(working)
                 if method.protocol:
                     _tell_changes(run.options, settings)
                 done = _train(run, made, path, identity, checkpoint_seconds)
