@@ -23,8 +23,8 @@ from pipeline.config.run import Run
 from pipeline.evaluation.named import Judged, require_free
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
+from pipeline.training.checkpoint import options_of, read_policy, require_same
 from pipeline.training.methods.method import find
-from pipeline.training.policy import options_of, read_policy, require_same
 from pipeline.training.record import read_record, training_versions
 from pipeline.training.train import choose_device, loader_of, spec_of
 

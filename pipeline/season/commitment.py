@@ -196,7 +196,6 @@ def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
         config: The config of the dataset.
     """
     with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.
-        options = replace(run.options, overwrite=False)
-        its = replace(run, options=options, dataset=config, data_dir=Path(folder))
+        its = replace(run, dataset=config, data_dir=Path(folder))
         build(its)
         yield Path(folder), Manifest.read(its.folder)

@@ -25,9 +25,6 @@ from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.season.graph_process import ANSWERED, ASKED, TYPES
 
-MEMORY = 4 << 30
-"""The maximum memory of the process in bytes, libraries included."""
-
 SECONDS = 60.0
 """The maximum seconds for loading a graph, and for answering a batch of observations."""
 
@@ -52,7 +49,7 @@ def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
-    command = [sys.executable, "-m", "pipeline.season.graph_process", str(MEMORY)]
+    command = [sys.executable, "-m", "pipeline.season.graph_process"]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -133,11 +130,8 @@ class GraphPolicy:
             if len(header) < ANSWERED.size:
                 self._refuse_ended(late)
             is_error, length = ANSWERED.unpack(header)
-            if size is None or is_error:
-                least, most = 0, _LONGEST
-            else:
-                least = most = size
-            if not least <= length <= most:
+            fits = length <= _LONGEST if size is None or is_error else length == size
+            if not fits:
                 self._refuse(f"its answer has {length} bytes")
             answer = self._process.stdout.read(length)
             if len(answer) < length:

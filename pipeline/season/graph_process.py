@@ -19,14 +19,24 @@ ASKED = struct.Struct("<Q")
 ANSWERED = struct.Struct("<?Q")
 """The header of an answer: whether it is an error, and its number of bytes."""
 
+MEMORY = 4 << 30
+"""The maximum memory of the process in bytes, libraries included."""
 
-def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
+TYPES = {
+    "tensor(uint8)": "uint8",
+    "tensor(int32)": "int32",
+    "tensor(int64)": "int64",
+    "tensor(float)": "float32",
+}
+"""Type of observations in a graph -> NumPy dtype."""
+
+
+def serve(incoming: BinaryIO, outgoing: BinaryIO) -> None:
     """Answer requests until the input ends.
 
     Args:
         incoming: The stream of requests: the graph, then observations.
         outgoing: The stream for the answers.
-        memory: The maximum memory in bytes.
     """
     import resource  # Not on Windows.
 
@@ -47,7 +57,7 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
     # No optimisation: it would run parts of the graph before the graph is checked.
     options.graph_optimization_level = onnxruntime.GraphOptimizationLevel.ORT_DISABLE_ALL
     for limit, most in (
-        (resource.RLIMIT_AS, memory),
+        (resource.RLIMIT_AS, MEMORY),
         (resource.RLIMIT_NOFILE, 0),  # So that the graph cannot read data from another file.
         (resource.RLIMIT_CORE, 0),
     ):
@@ -71,15 +81,7 @@ def serve(incoming: BinaryIO, outgoing: BinaryIO, memory: int) -> None:
         send(f"{type(error).__name__}: {error}".encode(), error=True)
 
 
-TYPES = {
-    "tensor(uint8)": "uint8",
-    "tensor(int32)": "int32",
-    "tensor(int64)": "int64",
-    "tensor(float)": "float32",
-}
-"""Type of observations in a graph -> NumPy dtype."""
-
 if __name__ == "__main__":
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # Output of libraries must not mix with the answers.
-    serve(sys.stdin.buffer, answers, int(sys.argv[1]))
+    serve(sys.stdin.buffer, answers)

@@ -72,28 +72,28 @@ def run(run: Run) -> None:
     secret = season.require_secret(place.secret)
     with held(place.public, place.judged.name), fetched(named) as submission:
         rows = read_rows(place)
-        before = next((each for each in rows if _is_of(each, submission)), None)
+        about = {"submission": named, "commit": submission.commit, "files": submission.files}
+        before = next((row for row in rows if row | about == row), None)
         config = season.dataset_of(secret)
         with dataset(run, config) as (data_dir, manifest):
             season.other_shards(manifest)  # Raises an error if the content differs.
             signed = None if before is None else before["versions"]
             row, _, content = judged(season, submission, data_dir, config, signed)
         if before is None:
-            _keep(place, len(rows) + 1, submission, content)
-            _write_rows(place, season, rows := [*rows, row])
+            rows.append(row)
+            _keep(place, season, rows, submission, content)
         elif before != row:
             raise DatasetError(f"{named} was judged before, with other results: see {place.judged}")
     again = "" if before is None else " again, with the same bytes"
-    test = row["figures"]["test"]
-    say(f"{named} is judged{again}: SPL {test['spl']:.2f}, SR {test['sr']:.2f}, in {place.judged}")
+    say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {place.judged}")
     if len(rows) > 1:
         chance = by_chance(len(rows), season.labyrinths["test"])
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
-def _is_of(row: Row, submission: Submission) -> bool:
-    about = submission.named, submission.commit, submission.files
-    return about == (row["submission"], row["commit"], row["files"])
+def shown(figures: Mapping[str, float]) -> str:
+    """Return the figures on a split as they are printed."""
+    return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"
 
 
 def by_chance(submissions: int, labyrinths: int) -> float:
@@ -155,14 +155,23 @@ def judged(
     return Judged(row, results, content)
 
 
-def _keep(place: Place, number: int, submission: Submission, content: bytes) -> None:
-    """Store results privately, and the submission's files, too, if they are not on the Hub."""
+def _keep(
+    place: Place, season: Season, rows: list[Row], submission: Submission, content: bytes
+) -> None:
+    """Publish the rows, and keep the results of the last one private until the reveal.
+
+    The files of its submission are kept as well if they are not on the Hub.
+    """
     place.private.mkdir(mode=0o700, exist_ok=True)
+    number = len(rows)
     files = {f"{number}.json": content}
     if submission.commit is None:
         paths = submission.folder.iterdir()
         files |= {f"{number}/{path.name}": path.read_bytes() for path in paths}
     leave(place.private, files)
+    text = json.dumps({"season": season.name, "judged": rows}, indent=2, ensure_ascii=False)
+    # Overwritten, because `rows` has the rows of the file.
+    leave(place.public, {place.judged.name: f"{text}\n".encode()}, overwrite=True)
 
 
 def read_rows(place: Place) -> list[Row]:
@@ -178,9 +187,3 @@ def read_rows(place: Place) -> list[Row]:
         ) from error
     rows: list[Row] = content["judged"]
     return rows
-
-
-def _write_rows(place: Place, season: Season, rows: list[Row]) -> None:
-    content = {"season": season.name, "judged": rows}
-    text = json.dumps(content, indent=2, ensure_ascii=False) + "\n"
-    leave(place.public, {place.judged.name: text.encode()}, overwrite=True)  # `rows` has its rows.

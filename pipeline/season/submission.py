@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
@@ -101,10 +100,7 @@ def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
     except UNAVAILABLE as error:
         reason = f"{source} is not a folder, and cannot be loaded from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    commit, held = str(found.sha), {each.rfilename for each in found.siblings or ()}
-    if revision is not None and re.fullmatch("[0-9a-f]{40}", revision):
-        _require(source, "the commit on the Hub", commit, revision)
-    return commit, _kind(source, held)
+    return str(found.sha), _kind(source, {each.rfilename for each in found.siblings or ()})
 
 
 def _in_folder(place: Path) -> dict[str, Path]:
@@ -131,7 +127,6 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
         try:
             check_size(path, name, path.stat().st_size)
             shutil.copyfile(path, folder / name)
-            check_size(path, name, (folder / name).stat().st_size)
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
@@ -15,7 +14,7 @@ from pipeline.machinery.console import say
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
 from pipeline.season.commitment import Place, Season, dataset
-from pipeline.season.judge import Row, judged, read_rows
+from pipeline.season.judge import Row, judged, read_rows, shown
 from pipeline.season.submission import fetched, versions
 
 EQUAL = "yes"
@@ -40,7 +39,7 @@ def run(run: Run) -> None:
         lines = []
         for number, row in enumerate(read_rows(place), 1):
             figures, equal = _judged_again(place, season, number, row, known)
-            lines.append([row["submission"], _shown(row["figures"]["test"]), figures, equal])
+            lines.append([row["submission"], shown(row["figures"]["test"]), figures, equal])
             wrong += equal != EQUAL
         say(table(["submission", "judged", "recomputed", "equal"], lines, "llll"))
         for path in sorted((place.public / "self-reported").glob("[!.]*.json")):
@@ -55,9 +54,12 @@ def _other_files(season: Season, paths: list[str]) -> int:
     if not paths:
         say(f"All {len(season.shards)} files of the test are identical.")
         return 0
-    here, then = build_versions(), season.versions
-    unlike = [f"{name} {then.get(name)}, here {here[name]}" for name in here]
-    unlike = [line for line, name in zip(unlike, here, strict=True) if then.get(name) != here[name]]
+    then = season.versions
+    unlike = [
+        f"{name} {then.get(name)}, here {here}"
+        for name, here in build_versions().items()
+        if then.get(name) != here
+    ]
     why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"
     say(f"{len(paths)} of {len(season.shards)} files have other bytes for this content, {why}.")
     return int(not unlike)
@@ -74,7 +76,7 @@ def _judged_again(
             data_dir, config = Path(known.source), known.manifest.config
             again = judged(season, submission, data_dir, config, signed=row["versions"])
             here = versions(submission.library)
-        figures = _shown(again.row["figures"]["test"])
+        figures = shown(again.row["figures"]["test"])
         if not revealed.is_file() or file_sha256(revealed) != row["results_sha256"]:
             return figures, f"no: results/{revealed.name} does not match the commitment"
         if again.row == row:
@@ -102,9 +104,5 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
         say(f"self-reported, and refused: {error}")
         return True
     test, name = results.splits["test"], results.method.name if results.method else path.name
-    say(f"self-reported, not verified: {name}, {_shown({'spl': test.spl, 'sr': test.sr})}")
+    say(f"self-reported, not verified: {name}, {shown({'spl': test.spl, 'sr': test.sr})}")
     return False
-
-
-def _shown(figures: Mapping[str, float]) -> str:
-    return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"

@@ -1,26 +1,35 @@
-"""Save and restore a training run, so that an interrupted run continues exactly.
+"""The weights of a run as safetensors, a format that cannot hold code: its policy, its checkpoint.
 
-A checkpoint is one safetensors file: tensors and arrays are its entries, and everything else is
-JSON in its header. The file is replaced atomically, so that weights, optimizer states, random
-states and history always belong together.
+From a checkpoint an interrupted run continues exactly. It is one file: tensors and arrays are its
+entries, and everything else is JSON in its header. The file is replaced atomically, so that
+weights, optimizer states, random states and history always belong together.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.policies.networks.network import Network
+from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.artifact import differences
 from pipeline.training.methods.method import Learner
-from pipeline.training.policy import INSTEAD, load_tensors, require_same, save_tensors
+
+INSTEAD = "choose another run_dir"
 
 Tensors = dict[str, Tensor]
 
@@ -43,7 +52,10 @@ class Progress:
 
 
 def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str, Any]) -> None:
-    """Write a checkpoint atomically; only a run with the same identity can continue from it."""
+    """Write a checkpoint atomically, into a folder that is made for it if it does not exist.
+
+    Only a run with the same identity can continue from it.
+    """
     tensors, plain = state_of(learner)
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
     tensors["random/cpu"] = torch.get_rng_state()
@@ -53,6 +65,7 @@ def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str
     done = {name: value for name, value in vars(progress).items() if name != "weights"}
     rng = learner.problem.rng.bit_generator.state
     state = {"learner": plain, "progress": done, "rng": rng, "run": dict(identity)}
+    path.parent.mkdir(parents=True, exist_ok=True)
     save_tensors(path, tensors, {"state": json.dumps(state)})
 
 
@@ -138,3 +151,75 @@ def _within(tensors: Tensors, name: str) -> Tensors:
     """Return the tensors whose names begin with `name/`, without that prefix."""
     start = f"{name}/"
     return {key[len(start) :]: each for key, each in tensors.items() if key.startswith(start)}
+
+
+def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, str]) -> None:
+    """Write tensors and texts into one safetensors file, atomically."""
+    # Cloned because the format cannot express weights that networks share.
+    owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
+    write_bytes(path, to_bytes(owned, metadata))
+
+
+def load_tensors(path: Path, text: str) -> tuple[Tensors, dict[str, Any]]:
+    """Return the tensors of a file, and the value of its metadata entry `text`, parsed from JSON.
+
+    Raises:
+        DatasetError: The file does not exist, or cannot be read.
+    """
+    try:
+        with safe_open(path, framework="pt") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            return tensors, json.loads((file.metadata() or {})[text])
+    except FileNotFoundError as error:
+        raise DatasetError(f"{path} does not exist: stages=train makes it") from error
+    except (OSError, SafetensorError, *MALFORMED) as error:
+        reason = f"{path} cannot be read: {one_line(error)}"
+        raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
+
+
+def save_policy(path: Path, tensors: Tensors, spec: NetworkSpec) -> None:
+    """Write the weights of a policy and the specification of its network, atomically."""
+    save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
+
+
+def read_policy(
+    path: Path,
+    spec: NetworkSpec,
+    device: torch.device | str = "cpu",
+    make: Callable[[NetworkSpec], nn.Module] = Network,
+) -> NetworkPolicy:
+    """Load a policy from a file.
+
+    Args:
+        path: A file that `save_policy` wrote.
+        spec: The network that the file is expected to hold.
+        device: The device to compute on.
+        make: Builds the network, whose weights are then replaced: `Learner.make` of the method.
+
+    Raises:
+        DatasetError: The file does not exist, or holds the policy of another network.
+    """
+    tensors, actual = load_tensors(path, "network")
+    require_same(f"{path} is a policy", actual, asdict(spec))
+    network = make(spec).to(device)
+    try:
+        network.load_state_dict(tensors)
+    except RuntimeError as error:
+        reason = f"{path} is not a policy of this network"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    return NetworkPolicy(network)
+
+
+def require_same(
+    thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
+) -> None:
+    """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
+    if differing := differences(options_of(actual), options_of(required)):
+        raise DatasetError(f"{thing} with {differing}{advice}")
+
+
+def options_of(description: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a run's description with each setting under the name of its option, `method.NAME`."""
+    options = {name: value for name, value in description.items() if name != "settings"}
+    settings = description.get("settings", {})
+    return options | {f"method.{name}": value for name, value in settings.items()}

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import io
 import json
 import os
@@ -43,7 +42,7 @@ def write_record(
     progress: Progress,
     computed: Mapping[str, Any],
 ) -> None:
-    """Write `run.json` and then `curves.png` into the folder that holds the policy of a run.
+    """Write `run.json` and `curves.png` into the folder that holds the policy of a run.
 
     If the curves cannot be drawn, they are left out, and one line says why.
 
@@ -54,12 +53,14 @@ def write_record(
         progress: The progress of the finished run.
         computed: The device and the number of threads.
     """
-    files, picture = {POLICY: file_sha256(folder / POLICY)}, None
+    files = [POLICY]
     try:
         picture = _curves(name, progress.history)
-        files[CURVES] = hashlib.sha256(picture).hexdigest()
     except Exception as error:  # Any error: a plot must never cost the policy.
         say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
+    else:
+        write_bytes(folder / CURVES, picture)
+        files.append(CURVES)
     content = {
         "format": FORMAT,
         "run": identity,
@@ -68,11 +69,9 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
-        "files": files,
+        "files": {file: file_sha256(folder / file) for file in files},
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
-    if picture is not None:
-        write_bytes(folder / CURVES, picture)
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -113,11 +112,9 @@ def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
     """Return a PNG with the losses and success rates by epoch."""
     # Inherited from a notebook, it may name a backend that is not installed here.
     os.environ.pop("MPLBACKEND", None)
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(9, 3.5), dpi=120, layout="constrained")
-    FigureCanvasAgg(figure)
     left, right = figure.subplots(1, 2)
     for name in sorted({name for row in history for name in row} - {"epoch", "seconds"}):
         axes = right if name.endswith("_sr") else left

@@ -8,9 +8,8 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -32,11 +31,10 @@ from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.folders import followed, held, remove
-from pipeline.training.checkpoint import Progress, identity_in
+from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.policy import INSTEAD, options_of, save_policy
 from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
 
 
@@ -65,7 +63,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
             if made is not None:
                 path = working / CHECKPOINT
                 if overwrite and path.exists() and identity_in(path) != identity:
-                    path.unlink()
+                    remove(working)
                 if method.protocol:
                     _tell_changes(run.options, settings)
                 done = _train(run, made, path, identity, checkpoint_seconds)
@@ -93,14 +91,9 @@ def _train(
         torch.manual_seed(options.seed)
         learner, judge = prepare(run, method, settings, device)
         require_unchanged(run.source, run.dataset.name, identity["fingerprint"])
-        path.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            with _reporting(options, learner.settings.epochs, folder) as report:
-                protocol = PROTOCOLS[options.protocol]
-                done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-        finally:
-            with suppress(OSError):  # It is not empty if an interrupted run left a checkpoint.
-                path.parent.rmdir()
+        with _reporting(options, learner.settings.epochs, folder) as report:
+            protocol = PROTOCOLS[options.protocol]
+            done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
     computed = {"device": device.type, "threads": torch.get_num_threads()}
     write_record(folder, run.run_name.name, identity, done, computed)
@@ -186,18 +179,11 @@ def prepare(
     load = loader_of(run, size)
     seen = train if size == IMAGE_SIZE else load("train")
     splits = {"train": seen, "validation": load("validation")}
-    steps = partial(
-        load_steps,
-        source,
-        config,
-        arrays=train,
-        revision=options.revision,
-        labyrinths=options.train_labyrinths,
-    )
+    part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
 
     def exploration() -> Steps:
         try:
-            return steps("random")
+            return load_steps(source, config, "random", train, **part)
         except DatasetError as error:
             reason = f"method={options.method_name} learns from the split random of {source}"
             raise DatasetError(f"{reason}: {error}") from error
@@ -205,7 +191,7 @@ def prepare(
     problem = Problem(
         arrays=train,
         observations=torch.tensor(train.observations, device=device),
-        demonstrations=steps("train"),
+        demonstrations=load_steps(source, config, "train", train, **part),
         exploration=exploration,
         spec=spec,
         rng=np.random.default_rng(options.seed),
@@ -257,10 +243,6 @@ def _reporting(
             board.flush()
         written = done.epoch
 
-    with ExitStack() as stack:
-        board = open_board(folder) if options.tensorboard else None
-        if board is not None:
-            stack.callback(board.close)
-        bars = stack.enter_context(progress())
+    with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
         yield report

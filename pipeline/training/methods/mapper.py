@@ -96,19 +96,17 @@ class Method(Learner):
         self.states, self.actions, after = states[order], actions[order], after[order]
         numbers = np.arange(len(arrays.labyrinths) + 1)
         self.bounds = arrays.labyrinth[self.states].searchsorted(numbers)
-        self.colours = self.moving_colours()
-        colours = self.colours[arrays.labyrinth].tolist()
-        slots = zip(self.look(np.arange(len(colours))), colours, strict=True)
+        seen = self.look(np.arange(len(arrays.labyrinth)))
+        self.colours = self.moving_colours(seen)
+        slots = zip(seen, self.colours[arrays.labyrinth].tolist(), strict=True)
         self.cells = np.array([cell_of_colour(*each, *self.size) for each in slots])
         there, here = (np.divmod(self.cells[each], self.size[1]) for each in (after, self.states))
         moves = np.stack(there, axis=1) - np.stack(here, axis=1)
         known = np.array([*AROUND, (0, 0)])
         self.outcomes = (moves[:, None] == known).all(axis=2).argmax(axis=1)
-        self.first, last = arrays.route_starts, arrays.route_starts.copy()
-        for episode, route in enumerate(arrays.routes):
-            for action in route.tolist():
-                last[episode] = arrays.next_state[last[episode], action]
-        self.ends = self.cells[last]
+        lasts = np.cumsum([len(route) for route in arrays.routes]) - 1
+        self.first = arrays.route_starts
+        self.ends = self.cells[problem.demonstrations.next_states[lasts]]
         self.done = 0  # Epochs.
 
     @property
@@ -136,14 +134,14 @@ class Method(Learner):
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
 
-    def moving_colours(self) -> NDArray[np.int64]:
+    def moving_colours(self, slots: list[Slots]) -> NDArray[np.int64]:
         """Return the colour that moves in each labyrinth, read from its demonstration."""
         shown, colours = self.problem.demonstrations, []
         for labyrinth in range(len(self.problem.arrays.labyrinths)):
             there = self.problem.arrays.labyrinth[shown.states] == labyrinth
-            pairs = np.stack([shown.states[there], shown.next_states[there]], axis=1)
-            seen = (moving_colour(self.look(pair), *self.size) for pair in pairs)
-            colours.append(next(colour for colour in seen if colour is not None))
+            pairs = np.stack([shown.states[there], shown.next_states[there]], axis=1).tolist()
+            moved = (moving_colour([slots[each] for each in pair], *self.size) for pair in pairs)
+            colours.append(next(colour for colour in moved if colour is not None))
         return np.array(colours)
 
     def look(self, states: NDArray[np.int64]) -> list[Slots]:

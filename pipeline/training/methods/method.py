@@ -30,12 +30,7 @@ from labyrinth_core.policies.networks.network import ACTIONS, Network
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import (
-    IMAGE_SIZE,
-    METHODS,
-    TrainingOptions,
-    named,
-)
+from pipeline.config.training import IMAGE_SIZE, METHODS, TrainingOptions, named
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 
@@ -232,19 +227,6 @@ class Learner(ABC):
             self.descend(optimizer, loss)
             total += loss.item() * len(batch)
         return total / len(labels)
-
-
-def require_square(what: str, height: int, width: int, advice: str = "") -> None:
-    """Raise a ConfigError if labyrinths are not square; `what` names the part that needs it."""
-    check(
-        height == width,
-        f"size={height}x{width}: {what} needs as many rows as columns{advice}",
-    )
-
-
-def same_scale(spec: NetworkSpec, height: int, width: int) -> int:
-    """Return the picture size, in pixels, that gives cells the size they had in training."""
-    return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
 
 def find(

@@ -44,14 +44,13 @@ from torch.optim import Adam
 from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.spec import NetworkSpec, PlannerSpec
+from pipeline.config.errors import check
+from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import require_square, same_scale
 from pipeline.training.methods.relabelling import NO_LABEL
 
 RISE, FALL = 0.05, 0.5
 """The shares of training, at its start and end, in which the learning rate rises and falls."""
-MAX_GRADIENT = 1.0
-"""The norm to which gradients are clipped; with many iterations some become large."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ class Settings(PlannerSpec, bc.Settings):
 class Method(bc.Method):
     """The policy; its optimizer counts the gradient steps, which set the learning rate."""
 
-    max_gradient = MAX_GRADIENT
+    max_gradient = 1.0  # With many iterations some gradients become large.
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
@@ -87,7 +86,7 @@ class Method(bc.Method):
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:
         """Return the picture size with as many pixels per cell as in training."""
         _require_square(settings, height, width)
-        return same_scale(spec, height, width)
+        return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
     def epoch(self) -> dict[str, float]:
         whole = self.settings.grid_prior and self.settings.colour_prior
@@ -111,6 +110,8 @@ class Method(bc.Method):
 
 
 def _require_square(settings: Any, height: int, width: int) -> None:
-    if settings.grid_prior:
-        advice = "; give method.grid_prior=false"
-        require_square("method.grid_prior=true", height, width, advice)
+    check(
+        height == width or not settings.grid_prior,
+        f"size={height}x{width}: method.grid_prior=true needs as many rows as columns; give "
+        "method.grid_prior=false",
+    )

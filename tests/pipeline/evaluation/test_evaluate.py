@@ -21,8 +21,8 @@ from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
+from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods.method import find
-from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
 

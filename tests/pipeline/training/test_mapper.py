@@ -32,10 +32,10 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
 from pipeline.training import train
+from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import mapper
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.method import Problem
-from pipeline.training.policy import read_policy
 
 pytestmark = pytest.mark.slow
 

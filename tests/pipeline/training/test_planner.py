@@ -27,9 +27,9 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem
-from pipeline.training.policy import read_policy
 from pipeline.training.record import read_record
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.policy import read_policy, save_policy
+from pipeline.training.checkpoint import read_policy, save_policy
 
 pytestmark = pytest.mark.slow
 
