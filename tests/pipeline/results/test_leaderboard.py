@@ -20,8 +20,8 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.results import results as stage
-from pipeline.results.figures import AVERAGED, Figures
-from pipeline.results.leaderboard import MARK, Entry, boards, csv_of, markdown
+from pipeline.results.entry import Entry, boards
+from pipeline.results.leaderboard import MARK, csv_of, markdown
 from pipeline.results.results import RefusedError
 
 ROOT = Path(__file__).parents[3]
@@ -220,24 +220,29 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
 
 # Ranks and names.
 
-
-def entry(name, spl=None, low=0.0, high=1.0, **changed):
-    others = (0.7, 0.9, (0.8, 1.0), -1.0, 2.0, (-2.0, 0.0), {}, dict.fromkeys(AVERAGED), {})
-    figures = spl is not None and Figures(100, spl, (low, high), *others)
-    about = {
-        "config": "5x5",
-        "fingerprint": "0" * 64,
-        "observation": "image",
-        "seeds": 1,
-        "episodes": 1,
-        "version": "0.1.0",
-        "compared": True,
-        "figures": {"test": figures} if figures else {},
-    }
-    return Entry(method=Description(name), **(about | changed))
+FIGURES = {
+    "labyrinths": 100,
+    "sr_within_cells": 0.7,
+    **{"sr": 0.9, "sr_low": 0.8, "sr_high": 1.0},
+    **{"aer": -1.0, "aer_std": 2.0, "aer_low": -2.0, "aer_high": 0.0},
+    "path_efficiency": None,
+}
 
 
-def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above():
+@pytest.fixture(scope="module")
+def entry(results):
+    """A function that returns an entry with some SPL on test."""
+
+    def make(name, spl=None, low=0.0, high=1.0, *, compared=True, **changed):
+        about = {"config": "5x5", "fingerprint": "0" * 64, **changed}
+        figures = {"spl": spl, "spl_low": low, "spl_high": high}
+        shown = {} if spl is None else {"test": FIGURES | figures}
+        return Entry([replace(results["planner"], **about)], Description(name), shown, compared)
+
+    return make
+
+
+def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
     entries = [
         entry("none"),
         entry("low", 0.1, 0.05, 0.2),
@@ -247,35 +252,34 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above():
         entry("best", 1.0, 1.0, 1.0),
         entry("not compared", 1.0, 1.0, 1.0, compared=False),
     ]
-    [board] = boards(entries)
-    assert [(each.rank, each.method.name) for each in board] == [
-        (1, "best"),
-        (2, "equal"),
-        (2, "middle"),
-        (2, "beside"),
-        (5, "low"),
-        (None, "not compared"),
-        (None, "none"),
-    ]
-    assert boards(reversed(entries)) == [board]
+    for [board] in (boards(entries), boards(reversed(entries))):
+        assert [(each.rank, each.about.name) for each in board] == [
+            (1, "best"),
+            (2, "equal"),
+            (2, "middle"),
+            (2, "beside"),
+            (5, "low"),
+            (None, "not compared"),
+            (None, "none"),
+        ]
 
 
-def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first():
+def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first(entry):
     entries = [
         entry("a", config="10x10"),
         entry("b", config="5x5", fingerprint="1" * 64),
         entry("c", config="5x5"),
         entry("d", config="5x5-icy_floor"),
     ]
-    assert [each[0].method.name for each in boards(entries)] == ["c", "b", "d", "a"]
+    assert [each[0].about.name for each in boards(entries)] == ["c", "b", "d", "a"]
 
 
-def test_no_name_is_markup_a_link_or_a_formula():
+def test_no_name_is_markup_a_link_or_a_formula(entry):
     name = "=1|<script>[a](javascript:b)`*"
     url = "https://a.org/(b)[c]|<d>"
-    method = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
-    shown = replace(entry("x", 0.5), method=method)
-    told = "\n".join(markdown([shown])).replace(f"`{shown.fingerprint}`", "")
+    about = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
+    shown = replace(entry("x", 0.5), about=about)
+    told = "\n".join(markdown([shown])).replace(f"`{'0' * 64}`", "")
     assert not re.search(r"(?<!\\)[<`*]", told)
     link = r"[=1\|\<script\>\[a\](javascript:b)\`\*](https://a.org/%28b%29%5Bc%5D%7C%3Cd%3E)"
     assert link in told
