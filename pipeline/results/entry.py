@@ -69,6 +69,12 @@ class Entry:
         """The first training run; the entry has to be of runs."""
         return run_of(self.results[0])
 
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """The success rate of each run on `RANKED_BY`, shape (runs,)."""
+        rates: NDArray[np.float64] = solved_in(self.results, RANKED_BY).mean(axis=1)
+        return rates
+
 
 def entries_of(
     results: Iterable[Results], is_compared: Callable[[Results], bool] = lambda _: False

@@ -46,9 +46,12 @@ class Available:
             DatasetError: A folder is given with a revision.
         """
         if config not in self._found:
+            run = self._run
             self._found[config] = None
             try:
-                self._found[config] = self._read(config)
+                if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
+                    raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Ask no Hub.
+                self._found[config] = KnownDataset.read(run.source, config, run.options.revision)
             except DatasetError as error:
                 self.missing[config] = str(error)
             except ValueError as error:
@@ -59,12 +62,6 @@ class Available:
         """Return whether the dataset of some results is available, so that they can be checked."""
         known = self(results.config)
         return known is not None and known.fingerprint == results.fingerprint
-
-    def _read(self, config: str) -> KnownDataset:
-        run = self._run
-        if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
-            raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Not asking the Hub.
-        return KnownDataset.read(run.source, config, run.options.revision)
 
 
 def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:

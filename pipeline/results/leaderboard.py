@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
 from labyrinth_core.data.splits import SPLITS
@@ -56,8 +56,8 @@ def leaderboard(boards: Sequence[Sequence[Entry]]) -> dict[str, str]:
     parts = [ABOUT]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
-    csv = csv_of(entry for entries in boards for entry in entries)
-    return {LEADERBOARD: "\n".join(parts), "leaderboard.csv": csv}
+    rows = (row for entries in boards for entry in entries for row in _rows(entry))
+    return {LEADERBOARD: "\n".join(parts), "leaderboard.csv": as_csv(COLUMNS, rows)}
 
 
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:
@@ -124,12 +124,8 @@ def _name(entry: Entry, *, linked: bool = False) -> str:
     return name if entry.compared else f"{name} {MARK}"
 
 
-def csv_of(entries: Iterable[Entry]) -> str:
-    """Return all figures as CSV, one row per method and split; shares, not percent."""
-    return as_csv(COLUMNS, (row for entry in entries for row in _rows(entry)))
-
-
 def _rows(entry: Entry) -> Iterator[dict[str, object]]:
+    """Yield a row for each split; shares, not percent."""
     first, about = entry.results[0], entry.about
     same = vars(first) | vars(about) | {"method": about.name, "seeds": len(entry.results)}
     same |= {"rank": entry.rank, "compared": entry.compared}

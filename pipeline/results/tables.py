@@ -52,7 +52,6 @@ route. The runs are in `runs/`; `leaderboard.md` ranks them beside submissions.
 `labyrinth-datasets stages=results` makes these files.
 """
 
-
 COLUMNS = (
     *("config", "setup", "method", "split", "source", "seeds"),
     *("spl", "spl_low", "spl_high", "sr_within_cells"),
@@ -82,7 +81,7 @@ def markdown(group: Sequence[Entry]) -> Iterator[str]:
     first, methods = group[0].results[0], methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "figure", *names], compared(group, methods), "ll" + "r" * len(names))
-    rates = rates_of(group)
+    rates = {name_of(each.run.method): each.rates for each in group}
     if len(rates) > 1:
         yield f"On {RANKED_BY}: {conclusion(rates)}"
     yield "SPL / SR of the references, which do not learn:"
@@ -92,14 +91,6 @@ def markdown(group: Sequence[Entry]) -> Iterator[str]:
     yield "Gap: SR on train minus SR on test, in points. Training of the runs:"
     heading = ["method", "seeds", "gap", "epochs", "epoch selected", "minutes", "device"]
     yield table(heading, map(_effort, group), "lrrrrrl")
-
-
-def rates_of(methods: Sequence[Entry]) -> dict[str, NDArray[np.float64]]:
-    """Return the success rates of each method's runs, for methods of one setup."""
-    return {
-        name_of(each.run.method): solved_in(each.results, RANKED_BY).mean(axis=1)
-        for each in methods
-    }
 
 
 def methods_of(group: Sequence[Entry]) -> list[str]:
@@ -160,8 +151,7 @@ def across_sizes(methods: Sequence[Entry]) -> Iterator[str]:
     groups: dict[tuple[str, str, str], dict[str, NDArray[np.float64]]] = {}
     for each in methods:
         size, _, task = each.config.partition("-")
-        rates = solved_in(each.results, RANKED_BY).mean(axis=1)
-        groups.setdefault((task, each.run.setup, each.run.method), {})[size] = rates
+        groups.setdefault((task, each.run.setup, each.run.method), {})[size] = each.rates
     rows = []
     for (task, setup, method), by_size in groups.items():
         if len(by_size) > 1:

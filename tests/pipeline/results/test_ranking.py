@@ -16,7 +16,7 @@ from pipeline.results.comparison import (
     interquartile_mean,
 )
 from pipeline.results.entry import entries_of
-from pipeline.results.tables import rates_of
+from pipeline.results.paper import name_of
 
 pytestmark = pytest.mark.slow
 
@@ -74,7 +74,7 @@ def published() -> list[Results]:
 
 
 def test_of_a_thousand_relabellings_at_most_one_in_twenty_tells_equal_methods_apart(published):
-    rates = np.concatenate([*rates_of(entries_of(published)).values()])
+    rates = np.concatenate([each.rates for each in entries_of(published)])
     rng = np.random.default_rng(0)
 
     def relabelled() -> dict[str, np.ndarray]:
@@ -99,6 +99,6 @@ def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
 
 def test_what_is_significant_is_said(published):
     runs = 2 * published[:3] + 2 * published[3:6]  # As if of six seeds.
-    told = conclusion(rates_of(entries_of(runs)))
+    told = conclusion({name_of(each.run.method): each.rates for each in entries_of(runs)})
     assert told.startswith("Significantly better, at a level of 5%")
     assert told.endswith(": BC than DAgger.")
