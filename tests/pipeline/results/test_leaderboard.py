@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.results import results as stage
-from pipeline.results.entry import Entry, boards
+from pipeline.results.entry import Entry, boards, figures_of
 from pipeline.results.leaderboard import MARK, leaderboard
 from pipeline.results.results import RefusedError
 
@@ -228,14 +228,6 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
 
 # Ranks and names.
 
-FIGURES = {
-    "labyrinths": 100,
-    "sr_within_cells": 0.7,
-    **{"sr": 0.9, "sr_low": 0.8, "sr_high": 1.0},
-    **{"aer": -1.0, "aer_std": 2.0, "aer_low": -2.0, "aer_high": 0.0},
-    "path_efficiency": None,
-}
-
 
 @pytest.fixture(scope="module")
 def entry(results):
@@ -243,9 +235,10 @@ def entry(results):
 
     def make(name, spl=None, low=0.0, high=1.0, *, compared=True, **changed):
         about = {"config": "5x5", "fingerprint": "0" * 64, **changed}
-        figures = {"spl": spl, "spl_low": low, "spl_high": high}
-        shown = {} if spl is None else {"test": FIGURES | figures}
-        return Entry([replace(results["planner"], **about)], Description(name), shown, compared)
+        shown = [replace(results["planner"], **about)]
+        figures = figures_of(shown, "test") | {"spl": spl, "spl_low": low, "spl_high": high}
+        held = {} if spl is None else {"test": figures}
+        return Entry(shown, Description(name), held, compared)
 
     return make
 
@@ -286,7 +279,7 @@ def test_no_name_is_markup_a_link_or_a_formula(entry):
     name = "=1|<script>[a](javascript:b)`*"
     url = "https://a.org/(b)[c]|<d>"
     about = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
-    shown = replace(entry("x", 0.5), about=about)
+    shown = replace(entry("x", -0.5), about=about)
     page, table = leaderboard([[shown]]).values()
     told = page.partition(f"`{'0' * 64}`")[2]
     assert not re.search(r"(?<!\\)[<`*]", told)
@@ -296,7 +289,7 @@ def test_no_name_is_markup_a_link_or_a_formula(entry):
         assert len({len(re.findall(r"(?<!\\)\|", line)) for line in lines.splitlines()}) == 1
     [row] = csv.DictReader(table.splitlines())
     assert (row["method"], row["author"], row["budget"]) == (f"'{name}", "'@me|", "'+1<b>")
-    assert row["aer"] == "-1.0"
+    assert row["spl"] == "-0.5"
 
 
 # What is published.
