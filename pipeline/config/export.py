@@ -5,9 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from pipeline.config.option import LOCAL_FOLDER, option
-from pipeline.config.training import IMAGE_SIZE
 
 EXPORTS = {
     "minari": "pipeline.export.minari",
@@ -39,5 +38,5 @@ class ExportOptions:
     )
     splits: tuple[str, ...] = option((), "splits to export, one or a list (all)", one_of=SPLITS)
     image_size: int = option(
-        IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
+        DEFAULT_IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
     )

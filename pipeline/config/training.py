@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, fields
 from importlib import import_module
 from math import inf
@@ -14,8 +15,9 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.gone import instead
@@ -27,9 +29,6 @@ CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
 
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 """The modules of the methods in `pipeline.training.methods`."""
-
-IMAGE_SIZE = DEFAULT_IMAGE_SIZE
-"""Pixels on each side of the baselines' input (supplement, section 1)."""
 
 SUBMISSIONS = "submissions"
 """The folder in `results_dir` for the results of submitted policies."""
@@ -241,12 +240,13 @@ def check_method(options: TrainingOptions) -> None:
     )
 
 
-def named(option: str, name: str) -> Any:
+def named(option: str, name: str, load: Callable[[str], Any] = import_module) -> Any:
     """Import and return the object `module:name`, from the working directory or as installed.
 
     Args:
         option: The option that names the object, for the error message.
         name: The module and, after a colon, the name in it, which may have dots.
+        load: Imports a module.
 
     Raises:
         ConfigError: The module, or the name in it, does not exist.
@@ -256,25 +256,25 @@ def named(option: str, name: str) -> Any:
     if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.
         sys.path.insert(0, here)
     try:
-        found: Any = import_module(module)
-    except ModuleNotFoundError as error:
-        if not f"{module}.".startswith(f"{error.name}."):
+        found = load(module)
+    except (ModuleNotFoundError, PolicyError) as error:
+        cause = error.__cause__ or error
+        missing = isinstance(cause, ModuleNotFoundError) and cause.name
+        if not (missing and f"{module}.".startswith(f"{missing}.")):
             raise
-        reason = f"there is no module {error.name}, neither in {here} nor installed"
+        reason = f"there is no module {missing}, neither in {here} nor installed"
         raise ConfigError(f"{option}={name}: {reason}") from error
     for part in attribute.split("."):
-        known = [each for each in vars(found) if not each.startswith("_")]
-        check(hasattr(found, part), f"{option}={name}: there is no {part}, only {listed(known)}")
+        if not hasattr(found, part):
+            known = listed([each for each in vars(found) if not each.startswith("_")])
+            raise ConfigError(f"{option}={name}: there is no {part}, only {known}")
         found = getattr(found, part)
     return found
 
 
 def check_run(run: RunName, observation: str) -> None:
     """Raise a ConfigError if no method makes a run of this name with this observation."""
-    check(
-        run.protocol in PROTOCOLS,
-        f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}",
-    )
+    check(run.protocol in PROTOCOLS, f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}")
     ours = run.method in METHODS
     own = {run.method: "image"} if run.method in OWN or not ours else {}
     encoders = own if run.method in OWN else ENCODERS | own

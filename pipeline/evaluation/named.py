@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import inspect
 import re
-import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
@@ -22,9 +21,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arr
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import RECORD
-from pipeline.config.errors import ConfigError, listed
+from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import EvaluationOptions
+from pipeline.config.training import EvaluationOptions, named
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import manifest_of
 
@@ -141,29 +140,8 @@ def named_policy(name: str) -> Any:
             allowed = "neither a folder nor an id such as user/planner-5x5"
             raise DatasetError(f"{source} is {allowed}: a policy in Python is module:name")
         return load_policy(source, revision=revision or None)
-    module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:  # As with `python -m`; the installed command lacks this folder.
-        sys.path.insert(0, here)
-    found: Any = _imported(name, module)
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            known = [each for each in vars(found) if not each.startswith("_")]
-            raise ConfigError(f"policy={name}: there is no {part}, only {listed(known)}")
-        found = getattr(found, part)
+    found = named("policy", name, partial(asked, import_module))
     return asked(found) if _makes_one(found) else found
-
-
-def _imported(name: str, module: str) -> Any:
-    try:
-        return asked(import_module, module)
-    except PolicyError as error:
-        cause = error.__cause__
-        if isinstance(cause, ModuleNotFoundError) and f"{module}.".startswith(f"{cause.name}."):
-            here = Path.cwd()
-            reason = f"there is no module {cause.name}, neither in {here} nor installed"
-            raise ConfigError(f"policy={name}: {reason}") from error
-        raise
 
 
 def _makes_one(found: Any) -> bool:

@@ -14,6 +14,7 @@ import numpy as np
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
@@ -71,29 +72,31 @@ def read_results(
         known = of.get(results.config)
         return known is not None and known.fingerprint == results.fingerprint
 
-    methods: dict[tuple[str, str, str, Path | None], list[Results]] = {}
+    seeds: dict[tuple[str, str, str], list[Results]] = {}
+    others: list[Results] = []
     paths = results_in(run_dir)
     for path in paths:
         results = Results.load(path, of.get)
         run = results.run
         if run is not None and (results.config, run.name) != path.parts[-3:-1]:
             say(f"left out: {path} belongs to the run {results.config}/{run.name}, not to this one")
+        elif run is not None and is_shown(results):
+            settings = json.dumps(run.settings, sort_keys=True)
+            seeds.setdefault((results.config, run.of_all_seeds, settings), []).append(results)
         elif is_shown(results):
-            settings = "" if run is None else json.dumps(run.settings, sort_keys=True)
-            name, own = (_name(results), path) if run is None else (run.of_all_seeds, None)
-            key = name, settings, own
-            methods.setdefault((results.config, *key), []).append(results)
-    by_runs_first = sorted(methods.items(), key=lambda item: item[0][3] is not None)
-    groups = Counter((config, name) for config, name, *_ in methods)
+            others.append(results)
+    named = Counter((config, name) for config, name, _ in seeds)
+    named.update((each.config, _about(each).name) for each in others)
     found = []
-    for (config, name, *_), runs in by_runs_first:
+    for (config, name, _), runs in seeds.items():
         # Seeds with other settings are another method, and are named as runs.
-        title = name if groups[config, name] == 1 else _name(runs[0])
-        found.append(_method(title, sorted(runs, key=_seed)))
+        title = name if named[config, name] == 1 else _about(runs[0]).name
+        found.append(_method(title, sorted(runs, key=lambda each: each.seed)))
+    found += [_method(_about(each).name, [each]) for each in others]
     for results in _submitted(results_dir, {path.read_bytes() for path in paths}, of.get):
-        if is_shown(results) and results.method is not None:
-            about = {"submitted": True, "author": results.method.author}
-            found.append(_method(results.method.name, [results]) | about)
+        if is_shown(results):
+            about = {"submitted": True, "author": _about(results).author}
+            found.append(_method(_about(results).name, [results]) | about)
     return found
 
 
@@ -109,15 +112,9 @@ def _submitted(
             say(f"left out: {error}")
 
 
-def _name(results: Results) -> str:
-    """Return the name of a run, or of the policy that was evaluated."""
-    if results.run is not None:
-        return results.run.name
-    return results.method.name if results.method else ""
-
-
-def _seed(results: Results) -> int:
-    return results.run.seed if results.run is not None else 0
+def _about(results: Results) -> Description:
+    assert results.method is not None  # Always set in results from a file.
+    return results.method
 
 
 def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
@@ -126,7 +123,7 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     splits_of_all = set.intersection(*(set(run.splits) for run in runs))
     shown = [split for split in (*EVALUATED_SPLITS, *SHIFTS) if split in splits_of_all]
     told = [
-        {"name": _name(run), "splits": {split: _run(run.splits[split]) for split in shown}}
+        {"name": _about(run).name, "splits": {split: _run(run.splits[split]) for split in shown}}
         for run in runs
     ]
     splits = {}

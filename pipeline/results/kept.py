@@ -8,14 +8,13 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.evaluation.description import as_compared
+from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
 from pipeline.config.run import Run
 from pipeline.config.training import SUBMISSIONS, check_run
-from pipeline.machinery.artifact import Sums, leave
-from pipeline.results.figures import run_of
+from pipeline.machinery.artifact import Sums
 from pipeline.results.paper import METHODS, title_of
 
 AUTHOR = "Labyrinth datasets"
@@ -23,6 +22,12 @@ AUTHOR = "Labyrinth datasets"
 
 RUNS = "runs"
 """The subfolder with the results of runs; those of other policies are in `SUBMISSIONS`."""
+
+
+def run_of(results: Results) -> TrainedRun:
+    """Return the run that trained the evaluated policy; the results have to be of a run."""
+    assert results.run is not None  # Results of other policies are kept separately.
+    return results.run
 
 
 class Available:
@@ -41,9 +46,12 @@ class Available:
             DatasetError: A folder is given with a revision.
         """
         if config not in self._found:
+            run = self._run
             self._found[config] = None
             try:
-                self._found[config] = self._read(config)
+                if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
+                    raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Ask no Hub.
+                self._found[config] = KnownDataset.read(run.source, config, run.options.revision)
             except DatasetError as error:
                 self.missing[config] = str(error)
             except ValueError as error:
@@ -54,12 +62,6 @@ class Available:
         """Return whether the dataset of some results is available, so that they can be checked."""
         known = self(results.config)
         return known is not None and known.fingerprint == results.fingerprint
-
-    def _read(self, config: str) -> KnownDataset:
-        run = self._run
-        if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
-            raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Not asking the Hub.
-        return KnownDataset.read(run.source, config, run.options.revision)
 
 
 def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:
@@ -96,57 +98,65 @@ def read(path: Path, available: Available, place: tuple[str, str] | None = None)
     return results
 
 
-def gather(run_dir: Path, results_dir: Path, available: Available) -> list[str]:
-    """Copy results from `run_dir` to `results_dir`, and return why each refused file was refused.
+Copies = Mapping[str, tuple[Path, Results]]
+"""Name in `results_dir` -> the file in `run_dir` to copy there, and its results."""
 
-    If a file is refused, its earlier copy stays. Files that were not copied from a run also stay.
+
+def gather(run_dir: Path, results_dir: Path, available: Available) -> tuple[Copies, list[str]]:
+    """Return the results in `run_dir` that are to be copied, and why each other file is refused.
+
+    Nothing is copied yet. If a file is refused, its earlier copy stays.
 
     Raises:
         DatasetError: `results_dir` has a SHA256SUMS of another program.
     """
-    refused, found = [], {}
+    refused, copies = [], {}
     for path in results_in(run_dir):
+        config, name = path.parts[-3:-1]
         try:
-            place = path.parts[-3], path.parts[-2]
-            results = read(path, available, place)
+            results = read(path, available, (config, name))
         except DatasetError as error:
             refused.append(str(error))
             continue
         kind = SUBMISSIONS if results.run is None else RUNS
-        found[f"{kind}/{place[0]}/{place[1]}.json"] = path
-    files = {name: path.read_bytes() for name, path in found.items()}
+        copies[f"{kind}/{config}/{name}.json"] = path, results
+    files = {name: path.read_bytes() for name, (path, _) in copies.items()}
     for name in Sums.read(results_dir).others(files):
         refused.append(
-            f"{found[name]} is not copied: {results_dir / name} was made or changed by someone "
+            f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "
             "else; move it away"
         )
-        del files[name]
-    if files:
-        leave(results_dir, files)
-    return refused
+        del copies[name]
+    return copies, refused
 
 
 def read_all(
-    results_dir: Path, available: Available
+    results_dir: Path, copies: Copies, available: Available
 ) -> tuple[dict[Path, Results], list[Results], list[str]]:
-    """Read all results; return the runs by file, the submissions, and why each other is refused."""
+    """Read all results in `results_dir`, as if `copies` were there already.
+
+    Returns:
+        The runs by file, the submissions, and why each other file is refused.
+    """
     runs: dict[Path, Results] = {}
     submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
     refused = []
-    of_runs = sorted((results_dir / RUNS).glob("[!.]*/[!.]*.json"))
+    new = {results_dir / name: results for name, (_, results) in copies.items()}
+    of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
     submitted = files_in(results_dir / SUBMISSIONS)
-    for path in [*of_runs, *(path for path in submitted if path.suffix == ".json")]:
+    for path in sorted({*new, *of_runs, *(path for path in submitted if path.suffix == ".json")}):
+        is_run = path.is_relative_to(results_dir / RUNS)
+        place = (path.parent.name, path.stem) if is_run else None
         try:
-            if path.is_relative_to(results_dir / RUNS):
-                each = read(path, available, (path.parent.name, path.stem))
-                if each.run is None:
-                    raise DatasetError(f"{path} is refused: it has no results of a training run")
-                runs[path] = each
-            else:
-                each = read(path, available)
+            each = new[path] if path in new else read(path, available, place)
+            if not is_run:
                 _require_own_name(path, each, named)
                 submissions.append(each)
+            elif each.run is None:
+                raise DatasetError(f"{path} is refused: it has no results of a training run")
+            else:
+                runs[path] = each
         except DatasetError as error:
             refused.append(str(error))
             continue
@@ -194,7 +204,10 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
     for path, results in runs.items():
         run = run_of(results)
         other = first.setdefault(results.config, path)
-        if _differ(runs[other], results):
+        fingerprints = {
+            (each.fingerprint, run_of(each).fingerprint) for each in (runs[other], results)
+        }
+        if len(fingerprints) > 1:
             raise DatasetError(
                 f"{path} and {other} are of different datasets, so they cannot be compared: "
                 "remove one, or choose another results_dir"
@@ -216,20 +229,3 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         return results.config, run.setup, place, run.method, run.seed
 
     return sorted(runs.values(), key=order)
-
-
-def _differ(one: Results, other: Results) -> bool:
-    """Return whether two runs learnt from, or were evaluated on, different labyrinths.
-
-    A run that learnt from the first labyrinths of train is evaluated only on these.
-    """
-    if (one.fingerprint, run_of(one).fingerprint) != (other.fingerprint, run_of(other).fingerprint):
-        return True
-    for split in one.splits.keys() & other.splits.keys():
-        scores = one.splits[split], other.splits[split]
-        shared = min(len(each.distance) for each in scores)
-        for name in ("labyrinth_ids", "distance"):
-            first, second = (getattr(each, name)[:shared].tolist() for each in scores)
-            if first != second:
-                return True
-    return False

@@ -1,31 +1,15 @@
-"""The leaderboard: runs and submitted results, ranked on the same labyrinths."""
+"""The leaderboard as Markdown and CSV: runs and submitted results, ranked by dataset."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
-from itertools import groupby
-from operator import itemgetter
-from pathlib import Path
-from typing import Any
+from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import DETAILS, Description
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
-from labyrinth_core.language.source_text import parse_size
-from pipeline.config.training import METHODS
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.markdown import count, plain, table
-from pipeline.results.figures import Figures, MethodRuns, run_of
-from pipeline.results.kept import AUTHOR, Available
-from pipeline.results.paper import title_of
-from pipeline.results.result_tables import aer_cell, percent_cell
-from pipeline.results.spreadsheet import as_csv
-
-RANKED_BY = "test"
-"""The split whose SPL decides the rank: no method learns from its structures."""
+from pipeline.machinery.markdown import plain, table
+from pipeline.results.entry import RANKED_BY, Entry, Figures, as_csv, percent_cell
 
 LEADERBOARD = "leaderboard.md"
 
@@ -67,116 +51,19 @@ COLUMNS = (
 """The columns of `leaderboard.csv`."""
 
 
-@dataclass(frozen=True)
-class Entry:
-    """A method on the leaderboard of a dataset."""
-
-    config: str
-    fingerprint: str
-    """The fingerprint of the dataset's rows."""
-    method: Description
-    observation: str
-    """What the policy observes: images, vectors or text."""
-    seeds: int
-    """The number of training runs."""
-    episodes: int
-    """The number of episodes in each labyrinth."""
-    version: str
-    """The version of the software that evaluated the policy; empty if it is not stated."""
-    compared: bool
-    """Whether the dataset was available, so that the results were checked against it."""
-    figures: dict[str, Figures]
-    """Split -> its figures."""
-    rank: int | None = None
-    """One plus the number of entries whose whole SPL interval is above this entry's; None without
-    figures on `RANKED_BY`, and for an entry that was not checked."""
-
-
-def entries_of(
-    methods: Iterable[MethodRuns], submissions: Iterable[Results], available: Available
-) -> Iterator[Entry]:
-    """Yield an entry for each trained method and each submission.
-
-    Args:
-        methods: The methods of our runs.
-        submissions: The results of other policies.
-        available: The datasets that are available.
-    """
-    for ours in methods:
-        yield _entry(ours.runs, _description(ours), ours.figures, available)
-    for results in submissions:
-        assert results.method is not None  # Always set in results from a file.
-        figures = {split: Figures.over([results], split) for split in results.splits}
-        yield _entry([results], results.method, figures, available)
-
-
-def _description(method: MethodRuns) -> Description:
-    run = run_of(method.runs[0])
-    return Description(
-        name=title_of(run),
-        author=AUTHOR if run.method in METHODS else "",
-        budget=count(run.training["epochs"], "epoch"),
-        details={"labyrinths": run.train_labyrinths or method.figures["train"].labyrinths},
-    )
-
-
-def _entry(
-    runs: Sequence[Results], method: Description, figures: dict[str, Figures], available: Available
-) -> Entry:
-    first = runs[0]
-    return Entry(
-        config=first.config,
-        fingerprint=first.fingerprint,
-        method=method,
-        observation=first.observation,
-        seeds=len(runs),
-        episodes=first.episodes,
-        version=first.version,
-        compared=available.has(first),
-        figures=figures,
-    )
-
-
-def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
-    """Return the ranked entries of each dataset, in order, with the smallest labyrinths first."""
-
-    def dataset(entry: Entry) -> tuple[Any, ...]:
-        size = parse_size(entry.config.partition("-")[0])
-        return size, entry.config, entry.fingerprint
-
-    groups = groupby(sorted(entries, key=dataset), dataset)
-    return [_ranked(list(group)) for _, group in groups]
-
-
-def _ranked(entries: Sequence[Entry]) -> list[Entry]:
-    """Rank the entries of one dataset, and return them in order."""
-    found = [each.figures.get(RANKED_BY) for each in entries]
-    ranked = [each if entry.compared else None for entry, each in zip(entries, found, strict=True)]
-    lows = [each.spl_interval[0] for each in ranked if each]
-    placed = []
-    for entry, figures, mine in zip(entries, found, ranked, strict=True):
-        rank = 1 + sum(low > mine.spl_interval[1] for low in lows) if mine else None
-        spl = figures.spl if figures else -1.0
-        placed.append(
-            ((rank is None, rank or 0, -spl, entry.method.name), replace(entry, rank=rank))
-        )
-    return [entry for _, entry in sorted(placed, key=itemgetter(0))]
-
-
-def write_leaderboard(folder: Path, boards: Sequence[Sequence[Entry]]) -> None:
-    """Write `leaderboard.md` and `leaderboard.csv` into a folder; raise as `artifact.leave`."""
+def leaderboard(boards: Sequence[Sequence[Entry]]) -> dict[str, str]:
+    """Return the text of `leaderboard.md` and of `leaderboard.csv`, by name."""
     parts = [ABOUT]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
-    csv = csv_of([e for entries in boards for e in entries])
-    files = {LEADERBOARD: "\n".join(parts).encode(), "leaderboard.csv": csv.encode()}
-    leave(folder, files)
+    rows = (row for entries in boards for entry in entries for row in _rows(entry))
+    return {LEADERBOARD: "\n".join(parts), "leaderboard.csv": as_csv(COLUMNS, rows)}
 
 
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     """Yield the heading and the tables of one dataset."""
     yield f"## {entries[0].config}"
-    yield f"The dataset's fingerprint is `{entries[0].fingerprint}`."
+    yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
     yield f"On {RANKED_BY}:"
     heading = ["rank", "method", "by", *_FIGURES, "labyrinths"]
     yield table(heading, map(_place, entries), "rllrrrrrr")
@@ -197,8 +84,8 @@ _FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
 def _place(entry: Entry) -> list[str]:
     mine = entry.figures.get(RANKED_BY)
     rank = "" if entry.rank is None else str(entry.rank)
-    figures = [""] * 6 if mine is None else [*_cells(mine), f"{mine.labyrinths:,}"]
-    return [rank, _name(entry, linked=True), plain(entry.method.author), *figures]
+    figures = [""] * 6 if mine is None else [*_cells(mine), f"{mine['labyrinths']:,}"]
+    return [rank, _name(entry, linked=True), plain(entry.about.author), *figures]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
@@ -210,41 +97,39 @@ def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
 
 def _cells(figures: Figures) -> list[str]:
     """Return the cells of `_FIGURES`."""
-    efficiency = figures.averages["path_efficiency"]
+    efficiency = figures["path_efficiency"]
     return [
-        percent_cell(figures.spl, figures.spl_interval),
-        f"{100 * figures.sr_within_cells:.1f}",
-        percent_cell(figures.sr, figures.sr_interval),
-        aer_cell(figures),
+        percent_cell(figures, "spl"),
+        f"{100 * figures['sr_within_cells']:.1f}",
+        percent_cell(figures, "sr"),
+        "{aer:.2f} ± {aer_std:.2f} [{aer_low:.2f}, {aer_high:.2f}]".format_map(figures),
         "" if efficiency is None else f"{100 * efficiency:.1f}",
     ]
 
 
 def _effort(entry: Entry) -> list[str]:
-    method = entry.method
-    details = (f"{method.details[name]:,}" if name in method.details else "" for name in DETAILS)
-    evaluated = [str(entry.seeds), plain(entry.observation), str(entry.episodes)]
+    about, first = entry.about, entry.results[0]
+    details = (f"{about.details[name]:,}" if name in about.details else "" for name in DETAILS)
+    evaluated = [str(len(entry.results)), plain(first.observation), str(first.episodes)]
     return [
-        *(_name(entry), plain(method.budget), *details),
-        *(*evaluated, plain(entry.version), method.date),
+        *(_name(entry), plain(about.budget), *details),
+        *(*evaluated, plain(first.version), about.date),
     ]
 
 
 def _name(entry: Entry, *, linked: bool = False) -> str:
-    name, url = plain(entry.method.name), entry.method.url
+    name, url = plain(entry.about.name), entry.about.url
     if linked and url:
         name = f"[{name}]({quote(url, safe=':/?#@!&*+,;=%~')})"
     return name if entry.compared else f"{name} {MARK}"
 
 
-def csv_of(entries: Sequence[Entry]) -> str:
-    """Return all figures as CSV, one row per method and split; shares, not percent."""
-    rows = (_row(entry, split) for entry in entries for split in entry.figures)
-    return as_csv(COLUMNS, rows)
-
-
-def _row(entry: Entry, split: str) -> dict[str, object]:
-    method = entry.method
-    row = asdict(replace(entry, figures={})) | asdict(method) | entry.figures[split].columns()
-    row |= {"method": method.name, "split": split, "parameters": method.details.get("parameters")}
-    return row | {f"train_{name}": method.details.get(name) for name in ("labyrinths", "steps")}
+def _rows(entry: Entry) -> Iterator[dict[str, object]]:
+    """Yield a row for each split; shares, not percent."""
+    first, about = entry.results[0], entry.about
+    same = vars(first) | vars(about) | {"method": about.name, "seeds": len(entry.results)}
+    same |= {"rank": entry.rank, "compared": entry.compared}
+    same |= {f"train_{name}": about.details.get(name) for name in ("labyrinths", "steps")}
+    same["parameters"] = about.details.get("parameters")
+    for split, figures in entry.figures.items():
+        yield same | {"split": split} | figures

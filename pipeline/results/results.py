@@ -17,19 +17,14 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import LEGEND
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.run import Run
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
-from pipeline.results.figures import MethodRuns, by_method, run_of
+from pipeline.results.entry import Entry, boards, entries_of
 from pipeline.results.kept import Available, comparable, gather, read_all
-from pipeline.results.leaderboard import (
-    LEADERBOARD,
-    boards,
-    entries_of,
-    write_leaderboard,
-)
+from pipeline.results.leaderboard import LEADERBOARD, leaderboard
 from pipeline.results.paper import title_of
-from pipeline.results.result_tables import write_tables
+from pipeline.results.tables import tables
 
 
 class RefusedError(DatasetError):
@@ -51,8 +46,8 @@ def run(run: Run) -> None:
         Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
     )
     available = Available(run)
-    refused = gather(run_dir, results_dir, available)
-    found, submissions, also_refused = read_all(results_dir, available)
+    copies, refused = gather(run_dir, results_dir, available)
+    found, submissions, also_refused = read_all(results_dir, copies, available)
     refused += also_refused
     if not (found or submissions or refused):
         raise DatasetError(
@@ -65,16 +60,19 @@ def run(run: Run) -> None:
             f"there are no results on {run.dataset.name}: those of {run_dir} and {results_dir} are "
             f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
-    methods = by_method(comparable(found))
+    if copies:
+        leave(results_dir, {name: path.read_bytes() for name, (path, _) in copies.items()})
+    entries = entries_of([*comparable(found), *submissions], available.has)
+    methods = [each for each in entries if each.results[0].run is not None]
+    texts = leaderboard(boards(entries))
     if methods or Sums.read(results_dir).has("results.csv"):
-        write_tables(results_dir, methods)
+        texts = tables(methods) | texts
+    leave(results_dir, {name: text.encode() for name, text in texts.items()})
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             console.print(overview(list(of_config)))
         say_once(LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
-    entries = list(entries_of(methods, submissions, available))
-    write_leaderboard(results_dir, boards(entries))
     for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
@@ -83,7 +81,7 @@ def run(run: Run) -> None:
         raise RefusedError("\n  ".join([left_out, *refused]))
 
 
-def overview(methods: Sequence[MethodRuns]) -> Table:
+def overview(methods: Sequence[Entry]) -> Table:
     """Return a table of the SPL of all methods on one dataset.
 
     In a terminal of 80 columns, long method names wrap.
@@ -93,6 +91,6 @@ def overview(methods: Sequence[MethodRuns]) -> Table:
     columns = (Column(heading, justify="right", no_wrap=True) for heading in numbers)
     table = Table(Column("method", overflow="fold"), *columns, title=title)
     for each in methods:
-        rates = (f"{100 * each.figures[split].spl:.1f}" for split in EVALUATED_SPLITS)
-        table.add_row(title_of(run_of(each.runs[0])), str(len(each.runs)), *rates)
+        rates = (f"{100 * each.figures[split]['spl']:.1f}" for split in EVALUATED_SPLITS)
+        table.add_row(title_of(each.run), str(len(each.results)), *rates)
     return table

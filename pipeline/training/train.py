@@ -23,10 +23,11 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
-from pipeline.config.training import IMAGE_SIZE, PROTOCOLS, TrainingOptions
+from pipeline.config.training import PROTOCOLS, TrainingOptions
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
@@ -139,7 +140,7 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
     }
 
 
-def loader_of(run: Run, image_size: int = IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
+def loader_of(run: Run, image_size: int = DEFAULT_IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split with the run's observation, or with another one.
 
     The function takes the split and, optionally, the observation. If the run learns from the first
@@ -177,7 +178,7 @@ def prepare(
     train = loader_of(run)("train")
     size = method.image_size(spec, settings, spec.height, spec.width)
     load = loader_of(run, size)
-    seen = train if size == IMAGE_SIZE else load("train")
+    seen = train if size == DEFAULT_IMAGE_SIZE else load("train")
     splits = {"train": seen, "validation": load("validation")}
     part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
 

@@ -28,7 +28,7 @@ def read_run(path: Path) -> Run:
     """
     kept: Run = read_json(path)
     marks = kept.get("solved") or {
-        split: each["outcomes"][0] for split, each in kept["splits"].items()
+        split: each["outcomes"][0] for split, each in kept.get("splits", {}).items()
     }
     kept["solved"] = {
         name: np.array([mark in "1s" for mark in digits], np.float64)
@@ -90,11 +90,3 @@ def rate(solved: NDArray[np.float64]) -> str:
 def whole(share: float) -> str:
     """Return a share in whole percent."""
     return f"{round(100 * share)}"
-
-
-def by_seed(runs: Sequence[Run], sets: Mapping[str, str]) -> list[list[str]]:
-    """Return a row for each set: its name in print, and the success rate of each run in percent."""
-    return [
-        [shown, *(whole(each["solved"][name].mean()) for each in runs)]
-        for name, shown in sets.items()
-    ]

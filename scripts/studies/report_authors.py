@@ -50,7 +50,8 @@ def main() -> None:
     given = parser.parse_args()
     configs = sorted({config for config, _, _ in paper_figures()})
     print("# Runs by the authors' protocol\n\n## Uniformly random actions, as SQIL is tried\n")
-    print(table(["split", *headings(configs)], list(random_rows(given.data_dir, configs))))
+    columns = (f"{config}, {what}" for config in configs for what in ("random", "SQIL printed"))
+    print(table(["split", *columns], random_rows(given.data_dir, configs)))
     print("\n## The runs\n")
     found = {config: runs_of(config) for config in sizes_of()}
     rows = [about(each) for runs in found.values() for each in runs]
@@ -187,14 +188,9 @@ def judge(figure: PaperFigure, ours: float, theirs: float | None) -> Judged:
     return figure.sr, theirs, ours, verdict
 
 
-def printed_in(figure: PaperFigure) -> str:
+def printed_in(figure: PaperFigure, mark: str = "†") -> str:
     """Return a cell of the paper, marked if it is impossible."""
-    return whole(figure.sr) + "†" * (not figure.is_possible)
-
-
-def headings(configs: list[str]) -> list[str]:
-    """Return the headings of the columns of the random policy."""
-    return [f"{config}, {what}" for config in configs for what in ("random", "SQIL printed")]
+    return whole(figure.sr) + mark * (not figure.is_possible)
 
 
 def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
@@ -238,7 +234,7 @@ def cells(kept: Run, usual: Rates) -> list[list[str]]:
                 METHODS[run["method"]],
                 str(run["seed"]),
                 f"`{split}`",
-                whole(printed.sr) + " †" * (not printed.is_possible),
+                printed_in(printed, " †"),
                 *map(whole, (theirs, ours)),
                 " and ".join(name for name, holds in found.items() if holds) or "neither",
             ]

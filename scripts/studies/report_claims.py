@@ -23,8 +23,13 @@ from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table
-from pipeline.results.comparison import SPLIT, interquartile_mean, pairs_of_methods
+from pipeline.results.comparison import conclusion, differences_of, interquartile_mean
+from pipeline.results.entry import RANKED_BY as SPLIT
 from pipeline.results.paper import METHODS, name_of
+
+ABOUT_PAIRS = f"""\
+On {SPLIT}, the mean SR over seeds of the row's method minus that of the column's, in points, and in
+parentheses the p-value by exchanging runs, with Holm's correction over all pairs:"""
 
 PARTS = {"known": "train demonstrates an optimal route", "new": "train demonstrates none"}
 """Part of the labyrinths -> what it is."""
@@ -68,7 +73,7 @@ def rates() -> str:
     rows = []
     for name, runs in groups.items():
         solved = solved_in(runs, SPLIT)
-        middle = whole(interquartile_mean([solved.mean(axis=1)]).value)
+        middle = whole(interquartile_mean([solved.mean(axis=1)])[0])
         spl = float(np.mean([each["splits"][SPLIT]["spl"] for each in runs]))
         rows.append([name, str(len(runs)), rate(solved), middle, whole(spl)])
     references = next(iter(groups.values()))[0]["baselines"]
@@ -124,15 +129,26 @@ def _compared(solved: NDArray[np.float64], parts: Parts) -> Iterator[str]:
 
 
 def pairs() -> str:
-    """Return which methods differ by more than chance."""
+    """Return a table that compares each pair of methods, and which differ by more than chance."""
     groups = thousand().items()
     rates = {name: solved_in(runs, SPLIT).mean(axis=1) for name, runs in groups}
+    found = differences_of(rates)
+
+    def difference(one: str, other: str) -> str:
+        if (one, other) not in found:
+            return ""
+        points, p = 100 * (rates[one].mean() - rates[other].mean()), found[one, other]
+        return f"{round(points)} ({'<0.01' if p < 0.005 else f'{p:.2f}'})"
+
+    *above, _ = rates
+    _, *beside = rates
+    rows = [[one, *(difference(one, other) for other in beside)] for one in above]
     spread = (
         f"{name} {len(each)} ({whole(each.min())} to {whole(each.max())}%)"
         for name, each in rates.items()
     )
     seeds = f"Seeds, and what the worst and the best of them solve: {', '.join(spread)}."
-    return "\n\n".join([*pairs_of_methods(rates), seeds])
+    return "\n\n".join([ABOUT_PAIRS, table(["", *beside], rows), conclusion(rates), seeds])
 
 
 def new_routes() -> str:

@@ -6,7 +6,7 @@ The results come from the stage `evaluate`, and from archived studies (docs/resu
 
 from __future__ import annotations
 
-from kept_results import by_seed, grouped, read_runs, solved_in, whole
+from kept_results import grouped, read_runs, solved_in, whole
 from report_ablation import shown
 
 from pipeline.machinery.markdown import table
@@ -25,7 +25,12 @@ def planner_by_seed() -> str:
         **{f"fresh {size}": size for size in ("7x7", "10x10", "15x15", "25x25")},
     }
     heading = ["% solved, of 100", *(f"seed {run['run']['seed']}" for run in runs)]
-    return table(heading, by_seed(runs, splits) + by_seed(larger, other))
+    rows = [
+        [name, *(whole(each["solved"][part].mean()) for each in group)]
+        for group, parts in ((runs, splits), (larger, other))
+        for part, name in parts.items()
+    ]
+    return table(heading, rows)
 
 
 def exchanged() -> str:
@@ -60,19 +65,13 @@ def powers() -> str:
 def looks() -> str:
     """Return a table of success rates in other looks, with all seeds of a method in one cell."""
     runs = read_runs("controls/looks")
-    methods = {
-        name: [each for each in runs if each["method"] == name] for name in ("planner", "bc")
-    }
-    rows = [
-        [
-            look,
-            *(
-                ", ".join(whole(each["solved"][look].mean()) for each in group)
-                for group in methods.values()
-            ),
-        ]
-        for look in runs[0]["solved"]
-    ]
+    methods, rows = ("planner", "bc"), []
+    for look in runs[0]["solved"]:
+        rates = (
+            [whole(each["solved"][look].mean()) for each in runs if each["method"] == method]
+            for method in methods
+        )
+        rows.append([look, *map(", ".join, rates)])
     return table(["look", *map(name_of, methods)], rows)
 
 

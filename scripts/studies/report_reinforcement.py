@@ -5,17 +5,17 @@ From files of an archived study (docs/results/ARCHIVE.md). `report_pages.py` wri
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from figures import COLOURS, INK
-from kept_results import RESULTS, Run, read_runs, whole
+from kept_results import Run, grouped, read_runs, whole
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from labyrinth_core.data.storage import read_json
 from pipeline.machinery.markdown import table
 
 SIZES = ("3x3", "5x5")
@@ -25,17 +25,11 @@ LABYRINTHS = {"fixed": "labyrinths of train", "fresh": "fresh labyrinths"}
 SPLITS = ("train", "test")
 FIGURES = ("spl", "sr")
 
-Groups = Mapping[tuple[str, str, str], Sequence[Run]]
-"""Size, method and training labyrinths -> the runs, one for each seed."""
 
-
-def groups_of() -> Groups:
-    """Return the runs by size, method and training labyrinths."""
-    groups: dict[tuple[str, str, str], list[Run]] = {}
-    for path in sorted((RESULTS / "reinforcement").glob("*.json")):
-        kept = read_json(path)
-        run = kept["run"]
-        groups.setdefault((run["config"], run["method"], run["labyrinths"]), []).append(kept)
+def groups_of() -> dict[tuple[Any, ...], list[Run]]:
+    """Return the runs by size, method and training labyrinths, one for each seed."""
+    runs = (each["run"] | each for each in read_runs("reinforcement"))
+    groups = grouped(runs, "config", "method", "labyrinths")
     return {key: groups[key] for key in product(SIZES, METHODS, LABYRINTHS) if key in groups}
 
 

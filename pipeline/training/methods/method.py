@@ -25,12 +25,13 @@ from torch.optim import Adam
 
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import IMAGE_SIZE, METHODS, TrainingOptions, named
+from pipeline.config.training import METHODS, TrainingOptions, named
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 
@@ -133,7 +134,7 @@ class Learner(ABC):
         Raises:
             ConfigError: The policy cannot see labyrinths of that size.
         """
-        return IMAGE_SIZE
+        return DEFAULT_IMAGE_SIZE
 
     @classmethod
     def figures(

@@ -41,11 +41,11 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam
 
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.spec import NetworkSpec, PlannerSpec
 from pipeline.config.errors import check
-from pipeline.config.training import IMAGE_SIZE
 from pipeline.training.methods import bc
 from pipeline.training.methods.relabelling import NO_LABEL
 
@@ -86,7 +86,7 @@ class Method(bc.Method):
     def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:
         """Return the picture size with as many pixels per cell as in training."""
         _require_square(settings, height, width)
-        return round(IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
+        return round(DEFAULT_IMAGE_SIZE * max(height, width) / max(spec.height, spec.width))
 
     def epoch(self) -> dict[str, float]:
         whole = self.settings.grid_prior and self.settings.colour_prior

@@ -114,7 +114,7 @@ class Board:
     def show(self, content):
         """Return the tables made from the file with some content; None if it is refused."""
         self.path.write_text(json.dumps(content), encoding="utf-8")
-        *_, refused = read_all(self.folder, self.known)
+        *_, refused = read_all(self.folder, {}, self.known)
         if refused:
             assert len(refused) == len(refused[0].splitlines()) == 1
             return None

@@ -20,8 +20,8 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.results import results as stage
-from pipeline.results.figures import AVERAGED, Figures
-from pipeline.results.leaderboard import MARK, Entry, boards, csv_of, markdown
+from pipeline.results.entry import Entry, boards, figures_of
+from pipeline.results.leaderboard import MARK, leaderboard
 from pipeline.results.results import RefusedError
 
 ROOT = Path(__file__).parents[3]
@@ -98,50 +98,58 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
     assert WHY_SPL in text(tmp_path / "results")
 
 
+def refused_by(run):
+    """Return the lines on the refused files: the name of each, and why."""
+    with pytest.raises(RefusedError) as error:
+        stage.run(run)
+    _, *lines = str(error.value).splitlines()
+    found = (re.fullmatch(r"  \S*/(\S+)\.json is refused: (.*)", line) for line in lines)
+    return {each[1]: each[2] for each in found}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("about", "why"),
-    [
-        ({"name": "bc, CNN"}, r"\S*bc-cnn-seed0\.json has the same name, BC, cnn, on the .*"),
-        ({"name": "BC-cnn-seed0 "}, r"\S*bc-cnn-seed0\.json has the same name, bc-cnn-seed0, .*"),
-        ({"name": " dagger"}, "name= dagger is reserved for runs"),
-        ({"name": "m\uff49ne "}, r"\S*a\.json has the same name, Mine, on the same dataset"),
-        ({"author": "labyrinth  DATASETS"}, "author=Labyrinth datasets is reserved for runs"),
-    ],
-)
-def test_a_name_of_ours_or_of_another_submission_is_refused(
-    results, run_of, submit, tmp_path, about, why
-):
+def test_a_name_of_ours_or_of_another_submission_is_refused(results, run_of, submit, tmp_path):
     run = of_run(results["planner"])
     run.save(tmp_path / "results" / "runs" / "3x3" / "bc-cnn-seed0.json", name=run.run.name)
     submit(content_of(results["planner"], "Mine"), "a.json")
-    submit(content_of(results["rounds"], **{"name": "other", **about}), "b.json")
-    with pytest.raises(RefusedError) as error:
-        stage.run(run_of())
-    _, line = str(error.value).splitlines()
-    assert re.fullmatch(rf"  \S*b\.json is refused: {why}", line), line
+    taken = r"\S*%s\.json has the same name, %s, on the same dataset"
+    reasons = {
+        "b1": ({"name": "bc, CNN"}, taken % ("bc-cnn-seed0", "BC, cnn")),
+        "b2": ({"name": "BC-cnn-seed0 "}, taken % ("bc-cnn-seed0", "bc-cnn-seed0")),
+        "b3": ({"name": " dagger"}, "name= dagger is reserved for runs"),
+        "b4": ({"name": "m\uff49ne "}, taken % ("a", "Mine")),
+        "b5": ({"author": "labyrinth  DATASETS"}, "author=Labyrinth datasets is reserved for runs"),
+    }
+    for name, (about, _) in reasons.items():
+        submit(content_of(results["rounds"], **{"name": "other", **about}), f"{name}.json")
+    refused = refused_by(run_of())
+    assert refused.keys() == reasons.keys()
+    for name, (_, why) in reasons.items():
+        assert re.fullmatch(why, refused[name])
     assert {row["method"] for row in rows(tmp_path / "results")} == {"BC, cnn", "Mine"}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("changed", "where", "why"),
-    [
-        ({}, "3x3/bc-cnn-seed1", "it belongs to the run 3x3/bc-cnn-seed0, not to this one"),
-        ({}, "5x5/bc-cnn-seed0", "it belongs to the run 3x3/bc-cnn-seed0, not to this one"),
-        ({"encoder": "vit"}, "3x3/bc-vit-seed0", r"encoder=vit: choose from cnn, .*"),
-        ({"protocol": "mine"}, "3x3/bc-cnn-seed0-mine", "protocol=mine: choose from default, .*"),
-        ({"encoder": "mlp"}, "3x3/bc-mlp-seed0", "observation=image: encoder=mlp looks at vector"),
-        ({"fingerprint": "1" * 64}, "3x3/bc-cnn-seed0", "its policy learnt from another data.*"),
-    ],
-)
-def test_a_run_is_of_a_known_kind_and_lies_in_its_own_place(
-    results, run_of, tmp_path, changed, where, why
-):
-    run = of_run(results["planner"], **changed)
-    run.save(tmp_path / "results" / "runs" / f"{where}.json", name=run.run.name)
-    with pytest.raises(RefusedError, match=rf"\.json is refused: {why}$"):
-        stage.run(run_of())
+def test_a_run_is_of_a_known_kind_and_lies_in_its_own_place(results, run_of, tmp_path):
+    own = "it belongs to the run 3x3/bc-cnn-seed0, not to this one"
+    reasons = {
+        "3x3/bc-cnn-seed1": ({}, own),
+        "5x5/bc-cnn-seed2": ({}, own),
+        "3x3/bc-vit-seed0": ({"encoder": "vit"}, r"encoder=vit: choose from cnn, .*"),
+        "3x3/bc-cnn-seed0-mine": ({"protocol": "mine"}, "protocol=mine: choose from default, .*"),
+        "3x3/bc-mlp-seed0": (
+            {"encoder": "mlp"},
+            "observation=image: encoder=mlp looks at vector",
+        ),
+        "3x3/bc-cnn-seed0": ({"fingerprint": "1" * 64}, "its policy learnt from another data.*"),
+    }
+    for where, (changed, _) in reasons.items():
+        run = of_run(results["planner"], **changed)
+        run.save(tmp_path / "results" / "runs" / f"{where}.json", name=run.run.name)
+    refused = refused_by(run_of())
+    assert len(refused) == len(reasons)
+    for where, (_, why) in reasons.items():
+        assert re.fullmatch(why, refused[where.partition("/")[2]])
     assert rows(tmp_path / "results") == []
 
 
@@ -221,23 +229,21 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
 # Ranks and names.
 
 
-def entry(name, spl=None, low=0.0, high=1.0, **changed):
-    others = (0.7, 0.9, (0.8, 1.0), -1.0, 2.0, (-2.0, 0.0), {}, dict.fromkeys(AVERAGED), {})
-    figures = spl is not None and Figures(100, spl, (low, high), *others)
-    about = {
-        "config": "5x5",
-        "fingerprint": "0" * 64,
-        "observation": "image",
-        "seeds": 1,
-        "episodes": 1,
-        "version": "0.1.0",
-        "compared": True,
-        "figures": {"test": figures} if figures else {},
-    }
-    return Entry(method=Description(name), **(about | changed))
+@pytest.fixture(scope="module")
+def entry(results):
+    """A function that returns an entry with some SPL on test."""
+
+    def make(name, spl=None, low=0.0, high=1.0, *, compared=True, **changed):
+        about = {"config": "5x5", "fingerprint": "0" * 64, **changed}
+        shown = [replace(results["planner"], **about)]
+        figures = figures_of(shown, "test") | {"spl": spl, "spl_low": low, "spl_high": high}
+        held = {} if spl is None else {"test": figures}
+        return Entry(shown, Description(name), held, compared)
+
+    return make
 
 
-def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above():
+def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
     entries = [
         entry("none"),
         entry("low", 0.1, 0.05, 0.2),
@@ -247,43 +253,43 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above():
         entry("best", 1.0, 1.0, 1.0),
         entry("not compared", 1.0, 1.0, 1.0, compared=False),
     ]
-    [board] = boards(entries)
-    assert [(each.rank, each.method.name) for each in board] == [
-        (1, "best"),
-        (2, "equal"),
-        (2, "middle"),
-        (2, "beside"),
-        (5, "low"),
-        (None, "not compared"),
-        (None, "none"),
-    ]
-    assert boards(reversed(entries)) == [board]
+    for [board] in (boards(entries), boards(reversed(entries))):
+        assert [(each.rank, each.about.name) for each in board] == [
+            (1, "best"),
+            (2, "equal"),
+            (2, "middle"),
+            (2, "beside"),
+            (5, "low"),
+            (None, "not compared"),
+            (None, "none"),
+        ]
 
 
-def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first():
+def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first(entry):
     entries = [
         entry("a", config="10x10"),
         entry("b", config="5x5", fingerprint="1" * 64),
         entry("c", config="5x5"),
         entry("d", config="5x5-icy_floor"),
     ]
-    assert [each[0].method.name for each in boards(entries)] == ["c", "b", "d", "a"]
+    assert [each[0].about.name for each in boards(entries)] == ["c", "b", "d", "a"]
 
 
-def test_no_name_is_markup_a_link_or_a_formula():
+def test_no_name_is_markup_a_link_or_a_formula(entry):
     name = "=1|<script>[a](javascript:b)`*"
     url = "https://a.org/(b)[c]|<d>"
-    method = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
-    shown = replace(entry("x", 0.5), method=method)
-    told = "\n".join(markdown([shown])).replace(f"`{shown.fingerprint}`", "")
+    about = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
+    shown = replace(entry("x", -0.5), about=about)
+    page, table = leaderboard([[shown]]).values()
+    told = page.partition(f"`{'0' * 64}`")[2]
     assert not re.search(r"(?<!\\)[<`*]", told)
     link = r"[=1\|\<script\>\[a\](javascript:b)\`\*](https://a.org/%28b%29%5Bc%5D%7C%3Cd%3E)"
     assert link in told
-    for table in re.findall(r"(?:^\|.*\n?)+", told, re.MULTILINE):
-        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in table.splitlines()}) == 1
-    [row] = csv.DictReader(csv_of([shown]).splitlines())
+    for lines in re.findall(r"(?:^\|.*\n?)+", told, re.MULTILINE):
+        assert len({len(re.findall(r"(?<!\\)\|", line)) for line in lines.splitlines()}) == 1
+    [row] = csv.DictReader(table.splitlines())
     assert (row["method"], row["author"], row["budget"]) == (f"'{name}", "'@me|", "'+1<b>")
-    assert row["aer"] == "-1.0"
+    assert row["spl"] == "-0.5"
 
 
 # What is published.

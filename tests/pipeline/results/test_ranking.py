@@ -10,14 +10,13 @@ from scipy.stats import ttest_ind
 
 from labyrinth_core.evaluation.results import Results
 from pipeline.results.comparison import (
-    Estimate,
+    conclusion,
     differences_of,
     exchange_test,
     interquartile_mean,
-    pairs_of_methods,
-    rates_of,
 )
-from pipeline.results.figures import by_method
+from pipeline.results.entry import entries_of
+from pipeline.results.paper import name_of
 
 pytestmark = pytest.mark.slow
 
@@ -26,10 +25,10 @@ PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
 
 def test_the_interquartile_mean_leaves_out_a_quarter_on_either_side():
     scores = np.array([8.0, 1, 7, 2, 6, 3, 5, 100])
-    assert interquartile_mean([scores]).value == np.mean([3, 5, 6, 7])
-    assert interquartile_mean([scores[:3], scores[3:]]).value == np.mean([3, 5, 6, 7])
-    assert interquartile_mean([np.array([1.0, 2, 6])]).value == 3  # A quarter of three is none.
-    assert interquartile_mean([np.array([0.5]), np.array([0.25])]) == Estimate(0.375, 0.375, 0.375)
+    assert interquartile_mean([scores])[0] == np.mean([3, 5, 6, 7])
+    assert interquartile_mean([scores[:3], scores[3:]])[0] == np.mean([3, 5, 6, 7])
+    assert interquartile_mean([np.array([1.0, 2, 6])])[0] == 3  # A quarter of three is none.
+    assert interquartile_mean([np.array([0.5]), np.array([0.25])]) == (0.375, 0.375, 0.375)
 
 
 def test_runs_are_resampled_in_each_size_by_itself():
@@ -39,9 +38,8 @@ def test_runs_are_resampled_in_each_size_by_itself():
     for _ in range(4000):
         drawn = np.sort(np.concatenate([rng.choice(each, len(each)) for each in tasks]))
         means.append(drawn[4:12].mean())
-    estimate = interquartile_mean(tasks)
-    expected = np.quantile(means, [0.025, 0.975])
-    assert (estimate.low, estimate.high) == pytest.approx(expected, abs=0.05)
+    _, *bounds = interquartile_mean(tasks)
+    assert bounds == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.05)
 
 
 @pytest.mark.parametrize(
@@ -76,10 +74,8 @@ def published() -> list[Results]:
 
 
 def test_of_a_thousand_relabellings_at_most_one_in_twenty_tells_equal_methods_apart(published):
-    rates, rng = (
-        np.concatenate([*rates_of(by_method(published)).values()]),
-        np.random.default_rng(0),
-    )
+    rates = np.concatenate([each.rates for each in entries_of(published)])
+    rng = np.random.default_rng(0)
 
     def relabelled() -> dict[str, np.ndarray]:
         return dict(zip("abc", np.split(rng.permutation(rates), 3), strict=True))
@@ -103,7 +99,6 @@ def test_twenty_seeds_tell_four_points_apart_and_say_of_which_pairs():
 
 def test_what_is_significant_is_said(published):
     runs = 2 * published[:3] + 2 * published[3:6]  # As if of six seeds.
-    *_, conclusion = pairs_of_methods(rates_of(by_method(runs)))
-    assert conclusion.startswith("Significantly better, at a level of 5%")
-    assert conclusion.endswith(": BC than DAgger.")
-    assert list(pairs_of_methods(rates_of(by_method(published[:3])))) == []
+    told = conclusion({name_of(each.run.method): each.rates for each in entries_of(runs)})
+    assert told.startswith("Significantly better, at a level of 5%")
+    assert told.endswith(": BC than DAgger.")

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
-from submitted import forgetful, keep, of_few, of_run, results_of
+from submitted import forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import read_json
@@ -19,9 +19,9 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.console import say_once
 from pipeline.results import results as stage
-from pipeline.results.figures import by_method
+from pipeline.results.entry import FAILURES, entries_of
 from pipeline.results.paper import METHODS, paper_figures, title_of
-from pipeline.results.result_tables import write_tables
+from pipeline.results.tables import tables
 
 PAPER = paper_figures()
 
@@ -78,18 +78,17 @@ def test_the_file_of_results_is_json_with_a_line_for_each_part_of_a_split(evalua
 
 def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
     runs = [of(evaluated, f"bc-cnn-seed{seed}") for seed in (0, 1)]
-    (method,) = by_method(runs)
-    assert method.runs == runs
+    (method,) = entries_of(runs)
+    assert method.results == runs
     for split in EVALUATED_SPLITS:
         figures, each = method.figures[split], [run.splits[split] for run in runs]
         for name in ("spl", "sr", "sr_within_cells", "aer"):
             mean = np.mean([getattr(scores, name) for scores in each])
-            assert getattr(figures, name) == pytest.approx(mean)
-        assert sum(figures.failures.values()) == pytest.approx(1 - figures.sr)
-        low, high = figures.sr_interval
-        assert low <= figures.sr <= high
-        counts = [share.split(" of ") for share in figures.by_distance.values()]
-        assert sum(int(won) for won, _ in counts) == round(16 * figures.sr)
+            assert figures[name] == pytest.approx(mean)
+        assert sum(figures[name] for name in FAILURES) == pytest.approx(1 - figures["sr"])
+        assert figures["sr_low"] <= figures["sr"] <= figures["sr_high"]
+        counts = re.findall(r": (\d+) of (\d+)", figures["by_distance"])
+        assert sum(int(won) for won, _ in counts) == round(16 * figures["sr"])
         assert sum(int(count) for _, count in counts) == 16
 
 
@@ -118,7 +117,7 @@ def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path,
 def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evaluated):
     found = of(evaluated, "bc-cnn-seed0")
     long = replace(found.run, encoder="resnet18", protocol="authors", train_labyrinths=100)
-    methods = by_method([found, replace(found, run=long)])
+    methods = entries_of([found, replace(found, run=long)])
     console = Console(file=io.StringIO(), width=80)
     console.print(stage.overview(methods))
     printed = console.file.getvalue()
@@ -131,16 +130,16 @@ def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evalu
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["results.csv", "leaderboard.md"])
-def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path, name):
-    path = tmp_path / "results" / name
+def test_a_table_of_a_person_is_not_written_over(evaluated, run_of, tmp_path):
+    path = tmp_path / "results" / "leaderboard.md"
     path.parent.mkdir()
     path.write_text("mine")
     for _ in range(2):
-        with pytest.raises(DatasetError, match=f"{name}: made or changed by someone else") as error:
+        with pytest.raises(DatasetError, match="made or changed by someone else") as error:
             stage.run(run_of(evaluated))
         assert "\n" not in str(error.value)
         assert path.read_text() == "mine"
+        assert not path.with_name("results.csv").exists()
 
 
 @pytest.mark.slow
@@ -169,7 +168,7 @@ def test_a_dataset_that_is_named_and_has_no_results_gets_a_line_with_those_that_
     other = replace(run, dataset=replace(run.dataset, height=4), names_dataset=True)
     with pytest.raises(DatasetError, match=r"\Athere are no results on 4x3: .* are on 3x3; .*\Z"):
         stage.run(other)
-    assert not (tmp_path / "results" / "leaderboard.md").exists()
+    assert not (tmp_path / "results").exists()
 
 
 def test_a_run_that_does_not_add_up_is_left_out_and_does_not_replace_the_one_that_is_kept(
@@ -208,7 +207,6 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
 def test_runs_on_other_labyrinths_are_not_compared(evaluated, run_of, tmp_path):
     runs = shutil.copytree(evaluated, tmp_path / "runs")
     found = of(runs, "dagger-cnn-seed0")
-    keep(of_few(found, 3), runs)
     other = replace(found.run, method="gail", fingerprint="1" * 64)
     keep(replace(found, fingerprint="1" * 64, run=other), runs)
     with pytest.raises(DatasetError, match="are of different datasets"):
@@ -232,12 +230,11 @@ def test_seeds_of_other_settings_have_no_common_mean_but_new_settings_do_no_harm
         stage.run(run_of(runs))
 
 
-def test_no_name_is_a_tag_in_the_tables(evaluated, tmp_path):
+def test_no_name_is_a_tag_in_the_tables(evaluated):
     name = r"=\input{x}|<script>&_$%#~^*[a](b)`"
     run = of(evaluated, "dagger-cnn-seed0")
     runs = [replace(run, run=replace(run.run, method=name, encoder=name))]
-    write_tables(tmp_path, by_method(runs))
-    text = (tmp_path / "README.md").read_text()
+    text = tables(entries_of(runs))["README.md"]
     assert not re.search(r"(?<!\\)[<|]script|(?<!\\)\|<|(?<!\\)[<`*]", text.split("## 3x3")[1])
 
 

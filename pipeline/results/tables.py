@@ -1,22 +1,32 @@
-"""The tables of the stage `results`, as Markdown and CSV, with the paper's figures."""
+"""The files `README.md` and `results.csv`: all trained methods, with the paper's figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
 from itertools import groupby
-from pathlib import Path
 from statistics import mean
 
+import numpy as np
+from numpy.typing import NDArray
+
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
-from pipeline.machinery.artifact import leave
 from pipeline.machinery.markdown import plain, table
-from pipeline.results import spreadsheet
-from pipeline.results.comparison import across_sizes, pairs_of_methods, rates_of
-from pipeline.results.figures import AVERAGED, FAILURES, Figures, MethodRuns, gap, run_of
+from pipeline.results.comparison import conclusion, interquartile_mean
+from pipeline.results.entry import (
+    AVERAGED,
+    FAILURES,
+    RANKED_BY,
+    Entry,
+    as_csv,
+    percent_cell,
+    solved_in,
+)
+from pipeline.results.kept import run_of
 from pipeline.results.paper import PaperFigure, name_of, paper_figures
 
 MARK = "†"
@@ -42,26 +52,38 @@ route. The runs are in `runs/`; `leaderboard.md` ranks them beside submissions.
 `labyrinth-datasets stages=results` makes these files.
 """
 
+COLUMNS = (
+    *("config", "setup", "method", "split", "source", "seeds"),
+    *("spl", "spl_low", "spl_high", "sr_within_cells"),
+    *("sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"),
+    *(*AVERAGED, *FAILURES, "possible", "by_distance"),
+)
+"""The columns of `results.csv`."""
 
-def write_tables(folder: Path, methods: Sequence[MethodRuns]) -> None:
-    """Write `README.md` and `results.csv` into a folder; raise as `artifact.leave`."""
+ABOUT_SIZES = f"""\
+Interquartile mean of SR on {RANKED_BY} over sizes and seeds, with an interval over seeds. It says
+nothing about other labyrinths, so it does not rank methods.
+"""
+
+
+def tables(methods: Sequence[Entry]) -> dict[str, str]:
+    """Return the text of `README.md` and of `results.csv`, by name; the entries are of runs."""
     parts = [ABOUT]
-    for (config, setup), group in groupby(methods, lambda each: (each.config, each.setup)):
+    for (config, setup), group in groupby(methods, lambda each: (each.config, each.run.setup)):
         parts.append(f"## {plain(f'{config}, {setup}')}\n")
         parts += [part + "\n" for part in markdown(list(group))]
     parts += across_sizes(methods)
-    files = {"README.md": "\n".join(parts), "results.csv": as_csv(methods)}
-    leave(folder, {name: text.encode() for name, text in files.items()})
+    return {"README.md": "\n".join(parts), "results.csv": csv_of(methods)}
 
 
-def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:
+def markdown(group: Sequence[Entry]) -> Iterator[str]:
     """Yield the tables of one config and setup."""
-    first, methods = group[0].runs[0], methods_of(group)
+    first, methods = group[0].results[0], methods_of(group)
     names = [name_of(method) for method in methods]
     yield table(["split", "figure", *names], compared(group, methods), "ll" + "r" * len(names))
-    *_, conclusion = ["", *pairs_of_methods(rates_of(group))]
-    if conclusion:
-        yield f"On test: {conclusion}"
+    rates = {name_of(each.run.method): each.rates for each in group}
+    if len(rates) > 1:
+        yield f"On {RANKED_BY}: {conclusion(rates)}"
     yield "SPL / SR of the references, which do not learn:"
     without = [name for name in WITHOUT_LEARNING if name in first.baselines]
     heading = ["split", *(name.replace("_", " ") for name in without)]
@@ -71,27 +93,24 @@ def markdown(group: Sequence[MethodRuns]) -> Iterator[str]:
     yield table(heading, map(_effort, group), "lrrrrrl")
 
 
-def methods_of(group: Sequence[MethodRuns]) -> list[str]:
+def methods_of(group: Sequence[Entry]) -> list[str]:
     """Return the methods of a table's columns: the paper's for this config, then our others."""
     in_paper = [name for config, _, name in paper_figures() if config == group[0].config]
-    return list(dict.fromkeys([*in_paper, *(each.method for each in group)]))
+    return list(dict.fromkeys([*in_paper, *(each.run.method for each in group)]))
 
 
-def compared(group: Sequence[MethodRuns], methods: Sequence[str]) -> Iterator[list[str]]:
+def compared(group: Sequence[Entry], methods: Sequence[str]) -> Iterator[list[str]]:
     """Yield the rows of a comparison: for each split our SPL and SR, and the SR in the paper."""
-    here = {each.method: each.figures for each in group}
+    here = {each.run.method: each.figures for each in group}
     paper = paper_figures()
     for split in EVALUATED_SPLITS:
         ours = [here[method][split] if method in here else None for method in methods]
-        cells = {
-            "SPL": [each and percent_cell(each.spl, each.spl_interval) for each in ours],
-            "SR": [each and percent_cell(each.sr, each.sr_interval) for each in ours],
-        }
+        for name in ("spl", "sr"):
+            cells = ("" if each is None else percent_cell(each, name) for each in ours)
+            yield [split, name.upper(), *cells]
         printed = [_printed(paper.get((group[0].config, split, method))) for method in methods]
         if any(printed):
-            cells["SR in the paper"] = [*printed]
-        for name, row in cells.items():
-            yield [split, name, *(each or "" for each in row)]
+            yield [split, "SR in the paper", *printed]
 
 
 def _printed(figure: PaperFigure | None) -> str:
@@ -100,31 +119,21 @@ def _printed(figure: PaperFigure | None) -> str:
     return "" if figure is None else f"{100 * figure.sr:.1f}{mark}"
 
 
-def percent_cell(share: float, bounds: tuple[float, float]) -> str:
-    """Return a share in percent with its interval."""
-    low, high = bounds
-    return f"{100 * share:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
-
-
-def aer_cell(figures: Figures) -> str:
-    """Return AER, its standard deviation and its interval."""
-    low, high = figures.aer_interval
-    return f"{figures.aer:.2f} ± {figures.aer_std:.2f} [{low:.2f}, {high:.2f}]"
-
-
 def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]]:
     for split in EVALUATED_SPLITS:
         found = (results.baselines[name][split] for name in names)
         yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
 
 
-def _effort(method: MethodRuns) -> list[str]:
+def _effort(method: Entry) -> list[str]:
     """Return a row: a method's gap between train and test, and the cost of its runs."""
-    training = [run_of(each).training for each in method.runs]
-    points, low, high = (100 * share for share in gap(method.runs))
+    training = [run_of(each).training for each in method.results]
+    train, test = (solved_in(method.results, split) for split in ("train", "test"))
+    shares = train.mean() - test.mean(), *interval(train, test)
+    points, low, high = (100 * share for share in shares)
     return [
-        name_of(method.method),
-        str(len(method.runs)),
+        name_of(method.run.method),
+        str(len(training)),
         f"{points:.1f} [{low:.1f}, {high:.1f}]",
         _listed(each["epochs"] for each in training),
         _listed(each["selected"]["epoch"] for each in training),
@@ -137,7 +146,27 @@ def _listed(values: Iterable[object]) -> str:
     return ", ".join(dict.fromkeys(map(str, values)))
 
 
-def as_csv(methods: Sequence[MethodRuns]) -> str:
+def across_sizes(methods: Sequence[Entry]) -> Iterator[str]:
+    """Yield a table of interquartile means over sizes and seeds, for methods with several sizes."""
+    groups: dict[tuple[str, str, str], dict[str, NDArray[np.float64]]] = {}
+    for each in methods:
+        size, _, task = each.config.partition("-")
+        groups.setdefault((task, each.run.setup, each.run.method), {})[size] = each.rates
+    rows = []
+    for (task, setup, method), by_size in groups.items():
+        if len(by_size) > 1:
+            runs = [len(each) for each in by_size.values()]
+            mean, low, high = (100 * each for each in interquartile_mean([*by_size.values()]))
+            told = f"{mean:.1f}" + f" [{low:.1f}, {high:.1f}]" * (max(runs) > 1)
+            name = plain(" ".join(part for part in (setup, task) if part))
+            rows.append([name, name_of(method), ", ".join(by_size), str(sum(runs)), told])
+    if rows:
+        yield "## All sizes\n"
+        yield ABOUT_SIZES
+        yield table(["setup", "method", "sizes", "runs", "SR"], rows, "lllrr") + "\n"
+
+
+def csv_of(methods: Sequence[Entry]) -> str:
     """Return all figures as CSV, one row per method and split; shares, not percent.
 
     The paper's figures come first, then ours, then those of baselines without training, taken from
@@ -149,18 +178,13 @@ def as_csv(methods: Sequence[MethodRuns]) -> str:
     ]
     firsts: dict[tuple[str, str], Results] = {}
     for each in methods:
-        firsts.setdefault((each.config, each.setup), each.runs[0])
-        about = {"config": each.config, "setup": each.setup, "method": each.method}
-        here = about | {"source": "here", "possible": True, "seeds": len(each.runs)}
-        for split, figures in each.figures.items():
-            rows.append(here | {"split": split} | figures.columns())
+        firsts.setdefault((each.config, each.run.setup), each.results[0])
+        about = {"config": each.config, "setup": each.run.setup, "method": each.run.method}
+        here = about | {"source": "here", "possible": True, "seeds": len(each.results)}
+        rows += [here | {"split": split} | figures for split, figures in each.figures.items()]
     for (config, setup), results in firsts.items():
         about = {"config": config, "setup": setup, "source": "no learning"}
         for name in WITHOUT_LEARNING:
             for split, found in results.baselines.get(name, {}).items():
                 rows.append(about | {"method": name, "split": split} | dict(found))
-    columns = ["config", "setup", "method", "split", "source", "seeds"]
-    columns += ["spl", "spl_low", "spl_high", "sr_within_cells"]
-    columns += ["sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"]
-    columns += [*AVERAGED, *FAILURES, "possible", "by_distance"]
-    return spreadsheet.as_csv(columns, rows)
+    return as_csv(COLUMNS, rows)

@@ -1,0 +1,211 @@
+"""An entry: a method on a dataset, with its figures over all seeds and its rank."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import groupby
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.language.source_text import parse_size
+from pipeline.config.training import METHODS
+from pipeline.machinery.markdown import count
+from pipeline.results.kept import AUTHOR, run_of
+from pipeline.results.paper import title_of
+
+RANKED_BY = "test"
+"""The split whose SPL decides the rank: no method learns from its structures."""
+
+FAILURES = ("loop", "wall", "ice")
+"""For each of these, there is a figure: its share of all episodes."""
+
+AVERAGED = (
+    "sr_known_route",
+    "sr_new_route",
+    "path_efficiency",
+    "accuracy_on_demonstrations",
+    "accuracy_elsewhere",
+)
+"""Figures of `Scores` that are averaged over seeds; None if no seed defines them."""
+
+Figures = dict[str, Any]
+"""The figures on a split by name, as in `results.csv`; shares, not percent."""
+
+_FORMULA = re.compile(r"(?=[=+\-@\t\r])")
+"""Matches the start of a text that a spreadsheet would read as a formula."""
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A method on a dataset: training runs that differ only in their seed, or another policy."""
+
+    results: Sequence[Results]
+    """The results of each run, or of the other policy."""
+    about: Description
+    figures: Mapping[str, Figures]
+    """Split -> its figures."""
+    compared: bool = False
+    """Whether the dataset was available, so that the results were checked against it."""
+    rank: int | None = None
+    """One plus the number of entries whose whole SPL interval is above this entry's; None without
+    figures on `RANKED_BY`, and for an entry that was not checked."""
+
+    @property
+    def config(self) -> str:
+        """The config of the dataset, such as `5x5`."""
+        return self.results[0].config
+
+    @property
+    def run(self) -> TrainedRun:
+        """The first training run; the entry has to be of runs."""
+        return run_of(self.results[0])
+
+    @property
+    def rates(self) -> NDArray[np.float64]:
+        """The success rate of each run on `RANKED_BY`, shape (runs,)."""
+        rates: NDArray[np.float64] = solved_in(self.results, RANKED_BY).mean(axis=1)
+        return rates
+
+
+def entries_of(
+    results: Iterable[Results], is_compared: Callable[[Results], bool] = lambda _: False
+) -> list[Entry]:
+    """Return an entry for each trained method and for each submission.
+
+    Args:
+        results: Runs in the order of `kept.comparable`, and submissions.
+        is_compared: Whether results were checked against their dataset.
+    """
+
+    def method(each: Results) -> object:
+        return each if each.run is None else (each.config, each.run.of_all_seeds)
+
+    found = []
+    for group in (list(group) for _, group in groupby(results, method)):
+        first = group[0]
+        splits = [split for split in first.splits if all(split in each.splits for each in group)]
+        figures = {split: figures_of(group, split) for split in splits}
+        about = first.method if first.run is None else _described(first.run, figures)
+        assert about is not None  # Always set in results from a file.
+        found.append(Entry(group, about, figures, is_compared(first)))
+    return found
+
+
+def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
+    return Description(
+        name=title_of(run),
+        author=AUTHOR if run.method in METHODS else "",
+        budget=count(run.training["epochs"], "epoch"),
+        details={"labyrinths": run.train_labyrinths or figures["train"]["labyrinths"]},
+    )
+
+
+def figures_of(group: Sequence[Results], split: str) -> Figures:
+    """Return the figures on a split of results that differ only in their seed; one is enough.
+
+    `spl`, `sr` and `aer` have an interval over seeds and labyrinths, with ends `_low` and `_high`.
+    `aer_std` is the standard deviation over labyrinths, averaged over seeds. `by_distance` says
+    how many episodes succeed for each length of the shortest route, such as `8: 3 of 5`.
+    """
+    scores = [each.splits[split] for each in group]
+    returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
+    outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
+    values = {
+        "spl": np.concatenate([np.atleast_2d(each.weighted) for each in scores]),
+        "sr": solved_in(group, split),
+        "aer": returns,
+    }
+    figures: dict[str, Any] = {
+        name: _mean(getattr(each, name) for each in scores)
+        for name in ("spl", "sr_within_cells", *AVERAGED)
+    }
+    figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
+    for name, each in values.items():
+        figures[f"{name}_low"], figures[f"{name}_high"] = interval(each)
+    figures |= {name: float((outcomes == name).mean()) for name in FAILURES}
+    counted = [each.by_distance for each in scores]
+    lengths = (
+        f"{moves}: {sum(each[moves][0] for each in counted)} of "
+        f"{sum(each[moves][1] for each in counted)}"
+        for moves in counted[0]
+    )
+    return figures | {
+        "labyrinths": len(scores[0].distance),
+        "aer_std": float(np.mean([each.episodes.returns.std() for each in scores])),
+        "by_distance": "; ".join(lengths),
+    }
+
+
+def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
+    """Return 1 for each solved labyrinth, else 0, shape (seeds, labyrinths)."""
+    solved = [np.atleast_2d(each.splits[split].episodes.solved) for each in group]
+    return np.concatenate(solved).astype(np.float64)
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return sum(defined) / len(defined) if defined else None
+
+
+def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
+    """Return the ranked entries of each dataset, in order, with the smallest labyrinths first."""
+
+    def dataset(entry: Entry) -> tuple[Any, ...]:
+        size = parse_size(entry.config.partition("-")[0])
+        return size, entry.config, entry.results[0].fingerprint
+
+    groups = groupby(sorted(entries, key=dataset), dataset)
+    return [_ranked(list(group)) for _, group in groups]
+
+
+def _ranked(entries: Sequence[Entry]) -> list[Entry]:
+    """Rank the entries of one dataset, and return them in order."""
+    checked = [each for each in entries if each.compared and RANKED_BY in each.figures]
+    lows: list[float] = [each.figures[RANKED_BY]["spl_low"] for each in checked]
+
+    def rank(entry: Entry) -> int | None:
+        if entry not in checked:
+            return None
+        high: float = entry.figures[RANKED_BY]["spl_high"]
+        return 1 + sum(low > high for low in lows)
+
+    def place(entry: Entry) -> tuple[Any, ...]:
+        spl = entry.figures[RANKED_BY]["spl"] if RANKED_BY in entry.figures else -1.0
+        return entry.rank is None, entry.rank or 0, -spl, entry.about.name
+
+    return sorted((replace(each, rank=rank(each)) for each in entries), key=place)
+
+
+def percent_cell(figures: Figures, name: str) -> str:
+    """Return a share in percent with its interval."""
+    share, low, high = (100 * figures[f"{name}{end}"] for end in ("", "_low", "_high"))
+    return f"{share:.1f} [{low:.1f}, {high:.1f}]"
+
+
+def as_csv(columns: Sequence[str], rows: Iterable[Mapping[str, object]]) -> str:
+    """Return a table as CSV; an apostrophe precedes texts that look like a formula.
+
+    Args:
+        columns: The names of the columns, in order.
+        rows: The values of each row by column; values of other columns are left out.
+    """
+    text = io.StringIO()
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
+    writer.writeheader()
+    writer.writerows(
+        {
+            name: f"'{value}" if isinstance(value, str) and _FORMULA.match(value) else value
+            for name, value in row.items()
+        }
+        for row in rows
+    )
+    return text.getvalue()
