@@ -8,10 +8,12 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
+from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.config.training import SUBMISSIONS, check_run
 from pipeline.machinery.artifact import Sums
@@ -31,31 +33,34 @@ def run_of(results: Results) -> TrainedRun:
 
 
 class Available:
-    """The configs of the dataset that a run names, each read when it is first needed."""
+    """The configs of the dataset that a run names, each read when it is first needed.
+
+    Raises:
+        ConfigError: A folder is given with a revision.
+    """
 
     def __init__(self, run: Run) -> None:
+        revision = run.options.revision
+        check(
+            revision is None or not folder_at(run.source).is_dir(),
+            f"revision={revision}: {run.source} is a folder, which has no revisions",
+        )
         self._run = run
         self._found: dict[str, KnownDataset | None] = {}
         self.missing: dict[str, str] = {}
         """Config -> why it is not available."""
 
     def __call__(self, config: str) -> KnownDataset | None:
-        """Return a config such as `5x5`, or None if it is not available.
-
-        Raises:
-            DatasetError: A folder is given with a revision.
-        """
+        """Return a config such as `5x5`, or None if it is not available."""
         if config not in self._found:
             run = self._run
-            self._found[config] = None
             try:
                 if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
                     raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Ask no Hub.
                 self._found[config] = KnownDataset.read(run.source, config, run.options.revision)
             except DatasetError as error:
+                self._found[config] = None
                 self.missing[config] = str(error)
-            except ValueError as error:
-                raise DatasetError(str(error)) from error
         return self._found[config]
 
     def has(self, results: Results) -> bool:

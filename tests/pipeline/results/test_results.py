@@ -17,6 +17,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say_once
 from pipeline.results import results as stage
 from pipeline.results.entry import FAILURES, entries_of
@@ -158,6 +159,15 @@ def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name
 def test_without_results_there_is_one_clear_line(run_of, tmp_path):
     with pytest.raises(DatasetError, match=r"holds no results, .* 'stages=\[train,evaluate\]'"):
         stage.run(run_of(tmp_path / "nothing there"))
+
+
+@pytest.mark.slow
+def test_a_folder_with_a_revision_is_refused_before_anything_is_copied(evaluated, run_of, tmp_path):
+    run = run_of(evaluated)
+    options = replace(run.options, dataset=str(tmp_path), revision="1.0.0")
+    with pytest.raises(ConfigError, match=r"\Arevision=1\.0\.0: .*\Z"):
+        stage.run(replace(run, options=options))
+    assert not (tmp_path / "results").exists()
 
 
 @pytest.mark.slow
