@@ -122,16 +122,21 @@ def judged(
         signed: The library versions that the judge recorded; None for this process's versions.
 
     Raises:
+        DatasetError: The judge recorded no version of a library.
         PolicyError: The policy raises an error, returns anything but actions, or does not support
             these labyrinths.
     """
+    here = versions(submission.library)
+    signed = here if signed is None else signed
+    if lacking := [name for name in here if name not in signed]:
+        raise DatasetError(f"its entry has no version of {', '.join(lacking)}")
     judgement = Judgement(
         season=season.name,
         secret_sha256=season.secret_sha256,
         submission=submission.named,
         commit=submission.commit,
         files=submission.files,
-        versions=versions(submission.library) if signed is None else signed,
+        versions=signed,
     )
     results = evaluate(
         submission.policy,

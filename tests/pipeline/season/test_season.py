@@ -178,6 +178,10 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     assert "self-reported, not verified: " in said
     assert "self-reported, and refused: it is of another dataset than" in said
     assert "no: judged.json contradicts the results" in said
+    listed["judged"][0]["versions"] = {}
+    rows.write_text(json.dumps(listed), encoding="utf-8")
+    assert "2 of its claims cannot be confirmed" in revealed("verify")
+    assert "no: its entry has no version of labyrinth-datasets, numpy, torch" in revealed.printed
 
     weights = public / "submissions" / "1" / "policy.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"!")
