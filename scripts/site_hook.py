@@ -81,7 +81,7 @@ def alternatives(notebook: Path) -> Iterator[str]:
 
 
 def _filled(mark: re.Match[str]) -> str:
-    """Return the text that replaces a placeholder in a page."""
+    """Return the text that replaces a mark in a page."""
     kind, of = mark.groups()
     if kind == "modules":
         return "\n\n".join(

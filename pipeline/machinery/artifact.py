@@ -315,7 +315,7 @@ def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
 
 
 def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
-    """Empty a folder in a store, and list the files to be made with a placeholder hash."""
+    """Empty a folder in a store, and list the files to be made with an unknown hash."""
     old = {name for name, _ in there.hashes}
     claimed = frozenset((name, _UNKNOWN) for name in old.union(names))
     replace(there, made=claimed, left=frozenset()).write()

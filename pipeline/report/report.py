@@ -137,7 +137,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         f"style-src '{_hash(style)}'; script-src '{_hash(script)}'"
     )
     html = _source("index.html")
-    # The data comes last, so that no text in it is replaced as a placeholder.
+    # The data comes last, so that no name in braces in it is filled in.
     for name, text in {"policy": policy, "style": style, "script": script}.items():
         html = html.replace(f"{{{{{name}}}}}", text)
     # A NaN is not JSON: the browser would not read any of the data.
