@@ -17,7 +17,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-
 from commands import RUN, ended
 from quick_python import python
 
