@@ -9,7 +9,7 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import naming, write_text
 from pipeline.config.errors import check
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.season.commitment import (
@@ -47,6 +47,8 @@ def run(run: Run) -> None:
             with dataset(run, replace(run.dataset, seed=seed)) as (_, manifest):
                 season = Season.of(options.name, options.date, secret, manifest)
             write_text(made / place.season.name, season.to_text())
+            if run.composed:
+                write_text(made / CONFIG, run.composed)
     except BaseException:
         if is_kept and not place.season.exists():
             place.secret.unlink()

@@ -121,15 +121,12 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
 @pytest.mark.parametrize(
     "begin", ["labyrinths=1 -m", "--multi labyrinths=1", "labyrinths=1 hydra.mode=MULTIRUN"]
 )
-def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
+def test_a_sweep_builds_each_size_and_task_and_leaves_its_record(
     tmp_path: Path, begin: str
 ) -> None:
-    temporary = tmp_path / 'it\'s "here" ${now}'
-    temporary.mkdir()
     options = ["size=3,2x4", "task=navigation,partial_observability", "random_steps=5"]
     options += ["data_dir=data", "stages=[build,validate]"]
-    env = os.environ | {"TMPDIR": str(temporary)}
-    result = run(tmp_path, *begin.split(), *options, env=env)
+    result = run(tmp_path, *begin.split(), *options)
     assert (result.returncode, result.stderr) == (0, "")
     names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
     assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
@@ -137,8 +134,9 @@ def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
         manifest = Manifest.read(tmp_path / "data" / name)
         assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
         assert f"data/{name} is valid" in spaced(result.stdout)
-    assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
-    assert list(temporary.iterdir()) == []
+    assert {path.name for path in tmp_path.iterdir()} == {"data", "multirun"}
+    (record,) = (tmp_path / "multirun").rglob("*.yaml")
+    assert record.name == "multirun.yaml"
 
 
 def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
@@ -151,6 +149,50 @@ def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
         result = run(tmp_path, *flags, *given)
         assert (result.returncode, result.stderr) == (0, "")
         assert (tmp_path / used / "multirun.yaml").is_file()
+
+
+def test_texts_stay_as_typed_in_each_run_of_a_sweep(tmp_path: Path) -> None:
+    stage = "print('read', run.options.revision, run.options.dataset, run.options.evaluation.name)"
+    swept = ["revision=1.10,1.1,1e3", "dataset=choice(1.0,true)", "evaluation.name=true"]
+    done = run_with(tmp_path, stage, "-m", "stages=build", *swept)
+    assert (done.returncode, done.stderr) == (0, "")
+    read = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("read")]
+    revisions, datasets = ("1.10", "1.1", "1e3"), ("1.0", "true")
+    assert read == [[one, other, "true"] for one in revisions for other in datasets]
+
+
+def test_what_a_user_asks_hydra_to_keep_of_a_sweep_is_kept(tmp_path: Path) -> None:
+    options = ["size=2x3", "labyrinths=1,2", "data_dir=data/${labyrinths}", "stages=build"]
+    given = ["hydra.sweep.dir=kept", "hydra.output_subdir=of_hydra"]
+    assert run(tmp_path, "-m", *options, *given).returncode == 0
+    for number in ("0", "1"):
+        kept = (tmp_path / "kept" / number / "of_hydra" / "overrides.yaml").read_text()
+        assert f"labyrinths={int(number) + 1}" in kept
+
+
+@pytest.mark.parametrize(
+    "where",
+    ["config.run.resolve", "config.run.as_file", "config.texts.as_given", "machinery.hints.hints"],
+)
+def test_a_bug_in_the_handling_of_options_gets_its_traceback(tmp_path: Path, where: str) -> None:
+    module, _, name = where.rpartition(".")
+    program = f"""
+import sys
+from pipeline import command, __main__
+from pipeline.{module} import {name}
+
+def planted(*_, **__):
+    len(5)
+
+command.{name} = planted
+sys.exit(__main__.main())
+"""
+    arguments = ["size=2x3", "labyrinths=1", "stages=build"]
+    environment = {"PYTHONPATH": str(RUN.parent)}
+    done = ended([python(), "-c", program, *arguments], env=environment, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "error:" not in done.stderr
+    assert done.stderr.endswith("TypeError: object of type 'int' has no len()\n")
 
 
 @pytest.mark.parametrize("text", ["size: [5", 'size: "\x01"', "size: 5\nsize: 4", "size: 'a"])
