@@ -20,7 +20,13 @@ import labyrinth_core
 
 ROOT = Path(__file__).resolve().parents[1]
 
-WING = ("labyrinth_core", "pipeline.config", "pipeline.machinery", "pipeline.inspection")
+WING = (
+    "labyrinth_core",
+    "pipeline.config",
+    "pipeline.machinery",
+    "pipeline.inspection",
+    "pipeline.stages",
+)
 
 
 def of_library(*rooms: str) -> tuple[str, ...]:
@@ -41,7 +47,8 @@ ROOMS = {
     "pipeline.config": ("labyrinth_core",),
     "pipeline.machinery": ("labyrinth_core", "pipeline.config"),
     "pipeline.generation": WING,
-    "pipeline.inspection": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.inspection": WING,
+    "pipeline.questions": WING,
     "pipeline.report": WING,
     "pipeline.release": WING,
     "pipeline.training": WING,
@@ -59,7 +66,12 @@ HOMES = {
     "hydra": ("pipeline.command", "pipeline.config"),
     "omegaconf": ("pipeline.command", "pipeline.config"),
     "numpy": ("labyrinth_core", "pipeline"),
-    "pyarrow": ("labyrinth_core.data", "pipeline.generation", "pipeline.export"),
+    "pyarrow": (
+        "labyrinth_core.data",
+        "pipeline.generation",
+        "pipeline.questions",
+        "pipeline.export",
+    ),
     "datasets": (
         "pipeline.generation",
         "pipeline.inspection.analyse",

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
@@ -319,11 +319,11 @@ def why_unavailable(source: str, error: Exception) -> str:
 
 
 def _has_episodes(folder: AnyPath) -> bool:
-    return (folder / MANIFEST).is_file() and not folder.name.endswith(f"-{QUESTIONS}")
+    return (folder / MANIFEST).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
 
 
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     names = (path.split("/")[-2] for path in manifests)
-    held = sorted(name for name in names if not name.endswith(f"-{QUESTIONS}"))
+    held = sorted(filter(CONFIG_NAME.fullmatch, names))
     none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, get_args, get_type_hints
@@ -17,8 +18,8 @@ from labyrinth_core.world.tasks import check_open_walls
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
 
-QUESTIONS = "questions"
-"""The suffix of the config with a dataset's questions, which has no episodes."""
+CONFIG_NAME = re.compile(rf"\d+x\d+(-({'|'.join(Task)}))?", re.ASCII)
+"""The names of the configs of datasets; a folder with another name, such as a build's, is none."""
 
 GOALS = ("fixed", "varied")
 """Start and goal in train, validation and test: in the corners, or drawn for each labyrinth."""

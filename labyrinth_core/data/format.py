@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+import json
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from labyrinth_core.world.dynamics import Action
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
@@ -75,3 +80,27 @@ TABLE_COLUMNS = (
     Column.of("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
 """The columns of the table of labyrinths, one row per labyrinth; see `manifest.TABLE`."""
+
+
+def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
+    """Return the Arrow schema of columns, with the metadata that tells `datasets` their features.
+
+    The code writes it out, because importing `datasets` takes longer than building a small dataset.
+    """
+    import pyarrow as pa
+
+    types = {
+        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
+        "ClassLabel": pa.int64(),
+        "List": pa.list_(pa.string()),
+        "string": pa.string(),
+        "bool": pa.bool_(),
+        "float32": pa.float32(),
+        "int32": pa.int32(),
+        "int64": pa.int64(),
+    }
+    features = {"info": {"features": {column.name: column.feature for column in columns}}}
+    return pa.schema(
+        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
+        metadata={"huggingface": json.dumps(features)},
+    )

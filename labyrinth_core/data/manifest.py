@@ -10,12 +10,12 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig, check_fields
+from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_json, write_text
@@ -90,9 +90,9 @@ def _fields_of(kind: type) -> Mapping[str, Any]:
 def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, Any]:
     """Return `values`; raise ValueError unless they are the fields of `kind`, with valid counts."""
     check_fields(values, _fields_of(kind), name)
-    for field, value in values.items():
+    for each, value in values.items():
         if isinstance(value, int) and not 0 <= value <= MOST:
-            raise ValueError(f"{name} has {field}={value}, not a number from 0 to {MOST}")
+            raise ValueError(f"{name} has {each}={value}, not a number from 0 to {MOST}")
     return values
 
 
@@ -106,15 +106,16 @@ class Manifest:
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
-    """The table of labyrinths; None in a manifest of questions."""
+    """The table of labyrinths; None in the manifest of a companion."""
     format: int = FORMAT
-    questions: Manifest | None = None
-    """The manifest of the questions beside the dataset, a file of its own; None without questions.
-    Their shards have the names and fingerprints of the shards they were made from."""
+    companions: Mapping[str, Manifest] = field(default_factory=dict)
+    """The manifests of the configs that stages wrote beside the dataset about its labyrinths, files
+    of their own, by the suffix of their names, such as `questions`. Their shards have the names and
+    fingerprints of the shards they were made from."""
 
     @property
     def table(self) -> TableFile:
-        """The table of labyrinths; a manifest of questions has no table."""
+        """The table of labyrinths, which the manifest of a companion lacks."""
         assert self.labyrinths is not None
         return self.labyrinths
 
@@ -151,13 +152,17 @@ class Manifest:
         write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
 
     @classmethod
-    def read(cls, folder: AnyPath) -> Manifest:
+    def read(cls, folder: AnyPath, *, has_table: bool = True) -> Manifest:
         """Return the manifest of a folder.
+
+        Args:
+            folder: The folder.
+            has_table: Whether the folder has a table of labyrinths, as all but companions do.
 
         Raises:
             DatasetError: The manifest is missing or malformed.
         """
-        path, asks = folder / MANIFEST, folder.name.endswith(f"-{QUESTIONS}")
+        path = folder / MANIFEST
         try:
             content = read_json(path)
             if content["format"] not in (FORMAT, FORMAT_OF_CHUNKS):
@@ -168,7 +173,7 @@ class Manifest:
                 config=DatasetConfig.from_json(content["config"]),
                 versions={str(key): str(value) for key, value in content["versions"].items()},
                 shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
-                labyrinths=None if asks else TableFile.from_json(content["labyrinths"]),
+                labyrinths=TableFile.from_json(content["labyrinths"]) if has_table else None,
                 format=content["format"],
             )
         except (FileNotFoundError, NotADirectoryError) as error:

@@ -10,7 +10,7 @@ from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
 
-from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import Column
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
@@ -20,6 +20,8 @@ from labyrinth_core.world.dynamics import Action, initial
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 from labyrinth_core.world.solver import moves_and_routes, shortest_routes
 
+QUESTIONS = "questions"
+"""The suffix of the config with a dataset's questions, which has no episodes."""
 NOT_ASKED = ("train", "validation", "random")
 """The splits for training and model selection, which have no questions."""
 SMALL_PICTURE = 300
@@ -76,11 +78,6 @@ _RECOLOURED = {
     "door": "the dark green cell",
     "ice": "the pale green cells",
 }
-
-
-def questions_config(config: str) -> str:
-    """Return the config name of a dataset's questions, here and on the Hub: `5x5-questions`."""
-    return f"{config}-{QUESTIONS}"
 
 
 def question_splits(config: DatasetConfig) -> tuple[str, ...]:

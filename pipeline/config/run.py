@@ -44,7 +44,7 @@ from pipeline.config.training import (
 
 STAGES = {
     "build": "pipeline.generation.build",
-    "questions": "pipeline.generation.questions",
+    "questions": "pipeline.questions.stage",
     "validate": "pipeline.generation.check",
     "analyse": "pipeline.inspection.analyse",
     "card": "pipeline.release.card",

@@ -19,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
-from labyrinth_core.evaluation.questions import questions_config
 from pipeline.config.run import Run
 from pipeline.generation.check_rows import (
     CheckJob,
@@ -34,20 +33,18 @@ from pipeline.generation.check_rows import (
     made_again,
     rows_of,
 )
-from pipeline.generation.questions import question_problems
 from pipeline.generation.shard import Fingerprint, Row, no_garbage_collection, render
 from pipeline.generation.shifts import Train, selected_shifts, train_of
 from pipeline.generation.table import (
     Content,
     Facts,
-    arrow_schema,
     facts_table,
     opened_table,
     read_schema,
     table_part,
 )
+from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
-from pipeline.inspection.front_matter import questions_of
 from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
@@ -76,14 +73,17 @@ def run(run: Run) -> None:
     """
     manifest = Manifest.read(run.folder)
     problems = validate(run.folder, manifest, run.options.workers)
-    problems += question_problems(run.data_dir, manifest, run.options.workers)
+    valid = [f"{run.folder} is valid: {sum(s.rows for s in manifest.shards):,} rows replayed."]
+    for kind in companions():
+        if (made := kind.of(run.data_dir, manifest)) is not None:
+            folder = run.data_dir / kind.config(run.dataset.name)
+            problems += kind.problems(run.folder, manifest, folder, made, run.options.workers)
+            rows = sum(shard.rows for shard in made.shards)
+            valid.append(f"{folder} is valid: {rows:,} {kind.suffix}.")
     if problems:
         raise ValidationError(run.folder, problems)
-    rows = sum(shard.rows for shard in manifest.shards)
-    say(f"{run.folder} is valid: {rows:,} rows replayed.")
-    if (questions := questions_of(run.data_dir, manifest)) is not None:
-        asked = sum(shard.rows for shard in questions.shards)
-        say(f"{run.data_dir / questions_config(run.dataset.name)} is valid: {asked:,} questions.")
+    for line in valid:
+        say(line)
 
 
 @dataclass(frozen=True)

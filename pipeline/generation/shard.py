@@ -22,7 +22,7 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError
-from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
@@ -36,7 +36,6 @@ from pipeline.generation.table import (
     FACTS,
     Content,
     Facts,
-    arrow_schema,
     table_facts,
     text_array,
     value_array,

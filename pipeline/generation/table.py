@@ -6,7 +6,6 @@ build need not solve a labyrinth again.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import pairwise
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_file
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
@@ -243,30 +242,6 @@ def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iter
             group = []
     if group:
         yield pa.concat_tables(group)
-
-
-def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
-    """Return the Arrow schema of columns, with the metadata that tells `datasets` their features.
-
-    The code writes it out, because importing `datasets` takes longer than building a small dataset.
-    """
-    import pyarrow as pa
-
-    types = {
-        "Image": pa.struct({"bytes": pa.binary(), "path": pa.string()}),
-        "ClassLabel": pa.int64(),
-        "List": pa.list_(pa.string()),
-        "string": pa.string(),
-        "bool": pa.bool_(),
-        "float32": pa.float32(),
-        "int32": pa.int32(),
-        "int64": pa.int64(),
-    }
-    features = {"info": {"features": {column.name: column.feature for column in columns}}}
-    return pa.schema(
-        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
-        metadata={"huggingface": json.dumps(features)},
-    )
 
 
 def read_schema(path: Path) -> pa.Schema:

@@ -10,17 +10,13 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
+from labyrinth_core.data.dataset_config import CONFIG_NAME
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
-from labyrinth_core.evaluation.questions import (
-    QUESTION_COLUMNS,
-    question_splits,
-    questions_config,
-)
+from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
@@ -33,9 +29,6 @@ LICENCE = "mit"
 """The default licence of a dataset, as the Hub spells it."""
 
 _FENCE = "---\n"
-_CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
-"""The name of a config; folders with other names, such as a build's, are ignored."""
-
 BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
 END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
 """The end of the generated text; text that a person writes outside the marks is kept."""
@@ -44,50 +37,24 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
-    read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
+    read_from = {f.name: Manifest.read(f) for f in folders if CONFIG_NAME.fullmatch(f.name)}
     # A copy under another name is not a config: its files would not be where the card says.
     manifests = [
-        replace(manifest, questions=questions_of(data_dir, manifest))
+        replace(manifest, companions=_companions_of(data_dir, manifest))
         for folder, manifest in read_from.items()
         if manifest.config.name == folder
     ]
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
 
 
+def _companions_of(data_dir: AnyPath, manifest: Manifest) -> dict[str, Manifest]:
+    found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
+    return {suffix: companion for suffix, companion in found.items() if companion is not None}
+
+
 def table_config(config: str) -> str:
     """Return the name that the table of labyrinths of a config has on the Hub."""
     return f"{config}-{TABLE_SPLIT}"
-
-
-def questions_of(data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
-    """Return the manifest of a dataset's questions; None if missing or made from other rows.
-
-    They lack shifts that the dataset got after them.
-    """
-    folder = data_dir / questions_config(manifest.config.name)
-    if not (folder / MANIFEST).is_file():
-        return None
-    found = Manifest.read(folder)
-    shifts, rows = found.config.shifts, shards_asked_about(manifest, found.config)
-    same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
-        (shard.path, shard.fingerprint) for shard in rows
-    ]
-    return found if same and found.config == replace(manifest.config, shifts=shifts) else None
-
-
-def asked(manifests: Sequence[Manifest]) -> dict[str, Manifest]:
-    """Return the manifests of the questions about datasets, by the names of their configs."""
-    return {
-        questions_config(manifest.config.name): manifest.questions
-        for manifest in manifests
-        if manifest.questions is not None
-    }
-
-
-def shards_asked_about(manifest: Manifest, config: DatasetConfig) -> list[Shard]:
-    """Return the shards of a dataset whose labyrinths the questions of a config are about."""
-    splits = question_splits(config)
-    return [shard for shard in manifest.shards if shard.split in splits]
 
 
 def default_config(manifests: list[Manifest]) -> str:
@@ -113,7 +80,7 @@ def update(data_dir: AnyPath) -> None:
     there = {config["config_name"] for config in wanted["configs"]}
     names = [config["config_name"] for config in values.get("configs", [])]
     if gone := [name for name in names if name not in there]:
-        reason = "missing, or questions about other rows (stages=questions makes them again)"
+        reason = "missing, or about other rows (the stage that made it makes it again)"
         say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
     write_text(path, with_values(wanted, text))
@@ -156,8 +123,9 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
         infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
-    for name, questions in asked(manifests).items():
-        add(questions, name, QUESTION_COLUMNS, question_splits(questions.config))
+    for kind in companions():
+        for name, companion in beside(manifests, kind).items():
+            add(companion, name, kind.columns, kind.splits(companion.config))
     return {"configs": configs, "dataset_info": infos}
 
 
@@ -200,7 +168,7 @@ def shard_pattern(manifest: Manifest, split: str, name: str) -> str:
     Args:
         manifest: The manifest of the shards.
         split: The split.
-        name: The name of the shards' config and folder: the dataset's, or that of its questions.
+        name: The name of the shards' config and folder: the dataset's, or a companion's.
     """
     first = manifest.of(split)[0].path
     return f"{name}/{split}-*-of-{first.rpartition('-of-')[2]}"
@@ -252,8 +220,9 @@ def _are_ours(configs: object) -> bool:
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
-    bare = (name.removesuffix(f"-{TABLE_SPLIT}").removesuffix(f"-{QUESTIONS}") for name in names)
-    return all(map(_CONFIG_NAME.fullmatch, bare))
+    suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in companions())])
+    ours = re.compile(f"(?:{CONFIG_NAME.pattern})(-({suffixes}))?", re.ASCII)
+    return all(map(ours.fullmatch, names))
 
 
 def licence_of(values: Mapping[str, Any]) -> str:

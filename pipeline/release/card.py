@@ -1,4 +1,4 @@
-"""The card of a folder of datasets: README.md, Croissant, eval.yaml, pictures, citation, changelog.
+"""The card of a folder of datasets: README.md, Croissant, pictures, citation, changelog.
 
 Its numbers are the counts of the datasets and the results of the stage `analyse`; the same data
 give the same bytes.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from copy import deepcopy
 from dataclasses import replace
 from itertools import pairwise
 from typing import Any
@@ -18,10 +17,10 @@ import yaml
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.evaluation.questions import question_splits
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.run import Run
 from pipeline.inspection import front_matter
+from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import say
@@ -33,8 +32,8 @@ from pipeline.release.files import (
     CHANGELOG,
     CITATION,
     CROISSANT,
-    EVAL,
     README,
+    files_of_companions,
     write_hashes,
 )
 from pipeline.release.texts import Release, fill, read
@@ -60,7 +59,7 @@ ORIGIN = {
     "source_datasets": ["original"],
 }
 """Where the data are from, in the Hub's words (`huggingface_hub.DatasetCardData`); English is the
-language of the settings in `info`, and of questions. Other values in a card are kept."""
+language of the settings in `info`. Other values in a card are kept."""
 
 UNRELEASED = "Unreleased"
 """The heading in CHANGELOG.md of data that no version has yet."""
@@ -124,8 +123,9 @@ def _write_card(
         CROISSANT: croissant(datasets, release).encode(),
         CITATION: _citation_file(release).encode(),
     }
-    if benchmark := _eval_file(manifests, str(values.get("pretty_name", NAME))):
-        files[EVAL] = benchmark.encode()
+    for kind in companions():
+        if own_companions := beside(manifests, kind):
+            files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
     others = own.others(files)
     for name in others:
         del files[name]
@@ -160,9 +160,9 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 
 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that are no longer drawn, and eval.yaml if no questions are left."""
+    """Return the pictures that are no longer drawn, and the files of companions that are gone."""
     drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
-    return [name for name in [*drawn, EVAL] if name not in files]
+    return [name for name in [*drawn, *files_of_companions()] if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
@@ -205,32 +205,6 @@ def _citation_file(release: Release) -> str:
     if not release.repo_id:
         del values["url"]
     return _yaml({name: value for name, value in values.items() if value is not None})
-
-
-def _eval_file(manifests: Sequence[Manifest], name: str) -> str | None:
-    """Return the eval.yaml of a folder of datasets, or None if no dataset has questions.
-
-    The form is from https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
-    inspect-ai runs one task per split with questions as text, and one with pictures.
-
-    Args:
-        manifests: The manifests of all configs.
-        name: The name of the benchmark.
-    """
-    asked = front_matter.asked(manifests)
-    if not asked:
-        return None
-    values = yaml.safe_load(read("eval.yaml"))
-    each, forms = values.pop("each"), values["tasks"]
-    values["tasks"] = [
-        {"id": f"{config}{form}-{split}", "config": config, "split": split}
-        # A copy, or the file would refer to the first task in all others.
-        | deepcopy(own | each)
-        for config, questions in asked.items()
-        for form, own in forms.items()
-        for split in question_splits(questions.config)
-    ]
-    return _yaml({"name": name} | values)
 
 
 def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:

@@ -17,9 +17,9 @@ from typing import Any
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question_splits
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
+from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.readme import limits
@@ -44,7 +44,11 @@ _DATA_TYPES = {
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
     content = json.loads(read("croissant.json"))
-    asked = front_matter.asked([dataset.manifest for dataset in datasets])
+    manifests = [dataset.manifest for dataset in datasets]
+    extra = [(kind, beside(manifests, kind)) for kind in companions()]
+    held = {d.name: d.manifest for d in datasets}
+    for _, own in extra:
+        held |= own
     content |= {
         "url": release.url,
         "version": release.version or "0.0.0-unreleased",
@@ -60,7 +64,7 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             }
             for dataset in datasets
         ],
-        "distribution": _distribution({d.name: d.manifest for d in datasets} | asked, release),
+        "distribution": _distribution(held, release),
         "recordSet": [
             *(
                 _split_records(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
@@ -68,10 +72,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
             ),
             *(_table_records(d.name) for d in datasets),
             *(
-                _split_records(
-                    name, QUESTION_COLUMNS, question_splits(made.config), "labyrinth, as a question"
-                )
-                for name, made in asked.items()
+                _split_records(name, kind.columns, kind.splits(made.config), kind.row)
+                for kind, own in extra
+                for name, made in own.items()
             ),
         ],
     }

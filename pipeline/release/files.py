@@ -7,14 +7,14 @@ from pathlib import Path
 
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.evaluation.questions import questions_config
 from pipeline.inspection import front_matter
+from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.release.figures import pictures_of
 
 README, CHANGELOG = "README.md", "CHANGELOG.md"
-CROISSANT, CITATION, EVAL = "croissant.json", "CITATION.cff", "eval.yaml"
+CROISSANT, CITATION = "croissant.json", "CITATION.cff"
 
 
 def files_of(folder: Path) -> dict[str, Path]:
@@ -34,21 +34,26 @@ def files_of(folder: Path) -> dict[str, Path]:
     return {name: folder / name for name in names}
 
 
+def files_of_companions() -> list[str]:
+    """Return the names of the files that stages may leave in a folder about their companions."""
+    return [name for kind in companions() for name in kind.file_names]
+
+
 def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
     """Return the paths in a folder of all files of its finished datasets and their card."""
     data_dir = own.folder
     pictures = pictures_of([manifest.config.name for manifest in manifests])
-    names = [README, *filter(own.has, (CHANGELOG, CITATION, CROISSANT, EVAL))]
+    names = [README, *filter(own.has, (CHANGELOG, CITATION, CROISSANT, *files_of_companions()))]
     names += [HASHES, *filter(own.has, pictures)]
     for manifest in manifests:
         files = [MANIFEST, *(shard.path for shard in manifest.shards), TABLE]
         if read_analysis(data_dir / manifest.config.name, manifest):
             files.append(ANALYSIS)
         names += [f"{manifest.config.name}/{name}" for name in files]
-        if manifest.questions is not None:
-            folder = questions_config(manifest.config.name)
-            shards = (shard.path for shard in manifest.questions.shards)
-            names += [f"{folder}/{name}" for name in (MANIFEST, *shards)]
+        for kind in companions():
+            for folder, companion in beside([manifest], kind).items():
+                shards = (shard.path for shard in companion.shards)
+                names += [f"{folder}/{name}" for name in (MANIFEST, *shards)]
     return [name for name in names if (data_dir / name).is_file()]
 
 

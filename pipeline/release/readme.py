@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SHIFTS, SPLITS
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import Task
 from pipeline.inspection import front_matter
+from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery.markdown import count, plain, table, verbatim
+from pipeline.machinery.markdown import count, meanings, plain, table, verbatim
 from pipeline.release.figures import BANNER, FIGURES, picture_path
 from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph
 
@@ -44,11 +44,11 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         default=default,
         revision=f', revision="{release.version}"' if release.version else "",
         shard=shown.manifest.of("train")[0].path,
-        columns=_meanings(COLUMNS),
+        columns=meanings(COLUMNS),
         splits=table(("split", "holds"), ((f"`{s}`", SPLITS[s].meaning) for s in splits), "ll"),
         counts=_rows(datasets, splits),
         labyrinth_table=_labyrinth_table(datasets, default, release),
-        questions=_questions(datasets, release),
+        companions=_companions(datasets, release),
         commands="\n".join(command_lines(dataset.manifest.config) for dataset in datasets),
         made=_making(datasets),
         code=code(),
@@ -64,10 +64,6 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         else f"{verbatim(release.licence)}, as the head of this file says.",
         citation=citation(),
     )
-
-
-def _meanings(columns: Iterable[Column]) -> str:
-    return table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in columns), "ll")
 
 
 def _rows(datasets: Sequence[DatasetStatistics], splits: Sequence[str]) -> str:
@@ -92,7 +88,7 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
         "labyrinth_table.md",
         table=TABLE,
         names=", ".join(f"`{table_config(dataset.name)}`" for dataset in datasets),
-        columns=_meanings(TABLE_COLUMNS),
+        columns=meanings(TABLE_COLUMNS),
         name=release.name,
         revision=f"@{release.version}" if release.version else "",
         shown=default,
@@ -100,20 +96,12 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
     return f"{section}\n"
 
 
-def _questions(datasets: Sequence[DatasetStatistics], release: Release) -> str:
-    """Return the section on questions, empty if no dataset has them."""
-    names = list(front_matter.asked([dataset.manifest for dataset in datasets]))
-    if not names:
-        return ""
-    section = fill(
-        "questions.md",
-        names=", ".join(f"`{name}`" for name in names),
-        columns=_meanings(QUESTION_COLUMNS),
-        name=release.name,
-        revision=f', revision="{release.version}"' if release.version else "",
-        shown=names[0],
-    )
-    return f"{section}\n"
+def _companions(datasets: Sequence[DatasetStatistics], release: Release) -> str:
+    """Return the sections on configs beside the datasets, such as questions."""
+    manifests = [dataset.manifest for dataset in datasets]
+    held = ((kind, beside(manifests, kind)) for kind in companions())
+    sections = (kind.section(own, release.name, release.version) for kind, own in held if own)
+    return "".join(f"{section}\n" for section in sections)
 
 
 def _making(datasets: Sequence[DatasetStatistics]) -> str:

@@ -173,7 +173,7 @@ def _tell(what: str) -> None:
 
 
 def check_config(source: str, commit: str | None, manifest: Manifest, folder: Path) -> None:
-    """Load a config, its table of labyrinths and its questions, and compare the first rows.
+    """Load a config, its table of labyrinths and its companions, and compare the first rows.
 
     Args:
         source: The dataset on the Hub, or a folder.

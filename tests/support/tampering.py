@@ -16,6 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
 
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
@@ -27,7 +28,6 @@ from labyrinth_core.world.solver import shortest_routes
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
-from pipeline.generation.table import arrow_schema
 
 Rows = list[dict[str, Any]]
 

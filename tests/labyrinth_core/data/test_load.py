@@ -19,6 +19,7 @@ from datasets import load_dataset
 from tampering import episode_rows, put_shards
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
 from labyrinth_core.data.splits import BASE_SPLITS
@@ -28,7 +29,6 @@ from labyrinth_core.pictures.png import encode
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.solver import shortest_routes
 from labyrinth_core.world.tasks import sample_labyrinth
-from pipeline.generation.table import arrow_schema
 
 CONFIGS = "3x3", "4x4-key_and_door"
 

@@ -10,9 +10,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.rows import open_shard, readable
 from pipeline.config.run import Run
-from pipeline.generation.table import arrow_schema, read_schema
+from pipeline.generation.table import read_schema
 
 
 @pytest.mark.slow

@@ -20,6 +20,7 @@ from interrupting import CrashError, before_each_shard
 from PIL import Image
 from tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
@@ -31,7 +32,6 @@ from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace
 from pipeline.generation.check import validate
-from pipeline.generation.table import arrow_schema
 from pipeline.inspection.statistics import count_dataset
 from pipeline.machinery.dataset import build_versions
 

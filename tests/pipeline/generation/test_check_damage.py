@@ -26,12 +26,12 @@ from tampering import (
 )
 
 from labyrinth_core.data import rows as reading
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.run import Run
 from pipeline.generation import check as checking
-from pipeline.generation.table import arrow_schema
 
 # A file that is not read, as its footer shows that it is not ours.
 

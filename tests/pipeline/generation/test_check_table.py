@@ -16,11 +16,10 @@ import pytest
 from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, table_file
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.run import Run
-from pipeline.generation.table import arrow_schema
 
 pytestmark = pytest.mark.slow
 

@@ -11,13 +11,13 @@ from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed,
 from tampering import cut_short
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import distances, shortest_routes
-from pipeline.generation.table import arrow_schema
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow

@@ -1,0 +1,83 @@
+"""Companions: configs that stages write beside a dataset, about its labyrinths.
+
+A companion of `5x5` lies in a folder of its own, such as `5x5-questions`, with a manifest in the
+format of a dataset's. Each of its shards is about the dataset's shard of the same name, and has
+that shard's fingerprint. The stage that writes a companion declares it; card, release and
+validation learn of it here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from importlib import import_module
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.format import Column
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.storage import AnyPath
+from pipeline.stages import COMPANIONS
+
+
+@dataclass(frozen=True)
+class Companion:
+    """The declaration of a kind of companion."""
+
+    suffix: str
+    """What follows the name of the dataset's config, such as `questions`."""
+    columns: tuple[Column, ...]
+    splits: Callable[[DatasetConfig], tuple[str, ...]]
+    """Returns the splits of a dataset that the companion is about."""
+    row: str
+    """What a row stands for, for Croissant."""
+    problems: Callable[[AnyPath, Manifest, AnyPath, Manifest, int], list[str]]
+    """Returns what is wrong with a companion, one line for each problem, given the folder and the
+    manifest of the dataset, those of the companion, and the number of processes."""
+    section: Callable[[Mapping[str, Manifest], str, str | None], str]
+    """Returns the card's section on the companions, given their manifests by config, the name of
+    the dataset on the Hub, and the version of the release."""
+    files: Callable[[Mapping[str, Manifest], str], dict[str, bytes]]
+    """Returns files for the folder of the datasets, given the companions' manifests by config and
+    the dataset's title."""
+    file_names: tuple[str, ...] = ()
+    """The names of those files, of which some may be left out."""
+
+    def config(self, dataset: str) -> str:
+        """Return the config name of the companion of a dataset, here and on the Hub."""
+        return f"{dataset}-{self.suffix}"
+
+    def shards(self, manifest: Manifest, config: DatasetConfig) -> list[Shard]:
+        """Return the shards of a dataset that a companion with a config is about."""
+        splits = self.splits(config)
+        return [shard for shard in manifest.shards if shard.split in splits]
+
+    def of(self, data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
+        """Return the manifest of a dataset's companion; None if missing or about other rows.
+
+        The companion lacks shifts that the dataset got after it.
+        """
+        folder = data_dir / self.config(manifest.config.name)
+        if not (folder / MANIFEST).is_file():
+            return None
+        found = Manifest.read(folder, has_table=False)
+        shifts, rows = found.config.shifts, self.shards(manifest, found.config)
+        same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
+            (shard.path, shard.fingerprint) for shard in rows
+        ]
+        return found if same and found.config == replace(manifest.config, shifts=shifts) else None
+
+
+@cache
+def companions() -> tuple[Companion, ...]:
+    """Return the declared kinds of companions."""
+    return tuple(import_module(module).COMPANION for module in COMPANIONS)
+
+
+def beside(manifests: Sequence[Manifest], kind: Companion) -> dict[str, Manifest]:
+    """Return the manifests of the companions of a kind, by the names of their configs."""
+    return {
+        kind.config(manifest.config.name): manifest.companions[kind.suffix]
+        for manifest in manifests
+        if kind.suffix in manifest.companions
+    }

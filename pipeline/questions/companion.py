@@ -1,0 +1,70 @@
+"""What card, release and validation must know of the questions beside a dataset."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from copy import deepcopy
+from importlib.resources import files
+from string import Template
+
+import yaml
+
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, QUESTIONS, question_splits
+from pipeline.inspection.companions import Companion
+from pipeline.machinery.markdown import meanings
+from pipeline.questions.check import question_problems
+
+EVAL = "eval.yaml"
+"""The file that registers the questions as a benchmark of inspect-ai."""
+
+
+def section(questions: Mapping[str, Manifest], name: str, version: str | None) -> str:
+    """Return the card's section on the questions; see `Companion.section`."""
+    return Template(_read("card.md")).substitute(
+        names=", ".join(f"`{config}`" for config in questions),
+        columns=meanings(QUESTION_COLUMNS),
+        name=name,
+        revision=f', revision="{version}"' if version else "",
+        shown=next(iter(questions)),
+    )
+
+
+def benchmark(questions: Mapping[str, Manifest], title: str) -> dict[str, bytes]:
+    """Return the eval.yaml of a folder of datasets.
+
+    The form is from https://huggingface.co/docs/hub/eval-results, "Registering a Benchmark":
+    inspect-ai runs one task per split with questions as text, and one with pictures.
+
+    Args:
+        questions: The manifests of the questions, by config.
+        title: The name of the benchmark.
+    """
+    values = yaml.safe_load(_read(EVAL))
+    each, forms = values.pop("each"), values["tasks"]
+    values["tasks"] = [
+        {"id": f"{config}{form}-{split}", "config": config, "split": split}
+        # A copy, or the file would refer to the first task in all others.
+        | deepcopy(own | each)
+        for config, manifest in questions.items()
+        for form, own in forms.items()
+        for split in question_splits(manifest.config)
+    ]
+    text = yaml.safe_dump({"name": title} | values, sort_keys=False, allow_unicode=True, width=100)
+    return {EVAL: text.encode()}
+
+
+def _read(name: str) -> str:
+    return files(__package__).joinpath(name).read_text(encoding="utf-8")
+
+
+COMPANION = Companion(
+    suffix=QUESTIONS,
+    columns=QUESTION_COLUMNS,
+    splits=question_splits,
+    row="labyrinth, as a question",
+    problems=question_problems,
+    section=section,
+    files=benchmark,
+    file_names=(EVAL,),
+)

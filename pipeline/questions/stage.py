@@ -1,0 +1,96 @@
+"""The stage `questions`: write a config beside a dataset, with a question about each labyrinth.
+
+The questions are made from the rows of the dataset, which do not change. Their folder has its own
+manifest, in the format of a dataset's. Each shard is made from the dataset's shard of the same
+name, and has its fingerprint, which shows whether the questions match the rows of the dataset.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from itertools import islice
+from typing import Any
+
+from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from pipeline.config.run import Run
+from pipeline.inspection import front_matter
+from pipeline.machinery.artifact import produced
+from pipeline.machinery.console import say, tracked
+from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.folders import held, new_file
+from pipeline.questions.check import GROUP_ROWS, questions_of
+from pipeline.questions.companion import COMPANION
+
+WRITER_OPTIONS = {
+    "compression": "zstd",
+    "use_dictionary": False,
+    "write_statistics": ["labyrinth_id", "moves"],  # Those of pictures would be pictures.
+    "write_page_index": True,
+    "store_schema": False,
+}
+
+
+def run(run: Run) -> None:
+    """Write the questions about the dataset of a run, unless they are there already.
+
+    Raises:
+        DatasetError: The dataset does not exist or is damaged, its labyrinths allow no questions,
+            or a user's files are in the place of the questions.
+        OSError: The folder cannot be written.
+    """
+    manifest, folder = Manifest.read(run.folder), run.data_dir / COMPANION.config(run.dataset.name)
+    key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
+    found = COMPANION.of(run.data_dir, manifest)
+    is_other = found is None or found.config != manifest.config  # Then replace it.
+    about = COMPANION.shards(manifest, manifest.config)
+    names = [MANIFEST, *(shard.path for shard in about)]
+    rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
+    with produced(folder, key, overwrite=is_other, **rules) as made:
+        state = "is there already" if made is None else _make(run, manifest, made)
+    with held(run.data_dir, "README.md"):
+        front_matter.update(run.data_dir)
+    say(f"{folder} {state}.")
+
+
+def _make(run: Run, manifest: Manifest, folder: AnyPath) -> str:
+    """Write the questions about a dataset to a folder; return a phrase with their number."""
+    about = COMPANION.shards(manifest, manifest.config)
+    write = partial(_write, run.folder, folder)
+    made = ((shard.rows, shard) for shard in ordered_map(write, about, run.options.workers))
+    total = sum(shard.labyrinths for shard in about)
+    shards = tuple(tracked(made, "questions", total=total))
+    Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
+    return f"has {sum(shard.rows for shard in shards):,} questions"
+
+
+def _write(dataset: AnyPath, folder: AnyPath, about: Shard) -> Shard:
+    """Write the questions about a shard of a dataset, and return their shard."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    rows = longest = 0
+    schema = arrow_schema(QUESTION_COLUMNS)
+    with new_file(folder / about.path, folder.parent) as path:
+        with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
+            writer.add_key_value_metadata(schema.metadata)
+            questions = questions_of(dataset, about)
+            while group := list(islice(questions, GROUP_ROWS)):
+                writer.write_table(pa.Table.from_pylist(group, schema))
+                rows += len(group)
+                longest = max(longest, *(row["moves"] for row in group))
+        return Shard(
+            path=about.path,
+            split=about.split,
+            labyrinths=rows,
+            episodes=rows,
+            rows=rows,
+            longest=longest,
+            cut=0,
+            bytes=path.stat().st_size,
+            sha256=file_sha256(path),
+            fingerprint=about.fingerprint,
+        )
