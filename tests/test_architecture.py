@@ -113,7 +113,7 @@ HOMES = {
         "pipeline.training.loop",  # How long a run took.
         "pipeline.release",  # To wait and try again.
     ),
-    "datetime": (),
+    "datetime": ("pipeline.machinery.console",),  # To write down the time left.
 }
 """Where alone a library is imported: in these rooms or modules."""
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from datetime import timedelta
 from functools import cache
 from typing import Any, TypeVar
 
@@ -12,6 +13,7 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    TaskID,
     TextColumn,
     TimeElapsedColumn,
     TimeRemainingColumn,
@@ -23,6 +25,10 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.language.source_text import printable
 
 Item = TypeVar("Item")
+
+
+SECONDS_PER_LINE = 60.0
+"""The time between two lines about a long stage where there is no terminal."""
 
 
 class _Console(Console):
@@ -65,13 +71,36 @@ def progress(*, vanishes: bool = False) -> Progress:
     )
 
 
+def each_minute(bars: Progress, bar: TaskID) -> Callable[[str], None]:
+    """Return a function to call after each advance of a bar.
+
+    Where there is no terminal, and so no bar, it prints a line a minute: how far the bar is, the
+    text that it is given, and the time left. A log of hours then shows that the program works.
+    """
+    due = bars.get_time() + SECONDS_PER_LINE
+
+    def tell(more: str) -> None:
+        nonlocal due
+        if console.is_terminal or bars.get_time() < due:
+            return
+        due = bars.get_time() + SECONDS_PER_LINE
+        task = next(task for task in bars.tasks if task.id == bar)
+        line = f"{task.description}: {task.completed:,.0f} of {task.total:,.0f}{more}"
+        left = task.time_remaining
+        say(line if left is None else f"{line}, {timedelta(seconds=left)} left")
+
+    return tell
+
+
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
     """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
     with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
+        tell = each_minute(bars, bar)
         for amount, item in items:
             yield item
             bars.advance(bar, amount)
+            tell("")
 
 
 def summary(manifest: Manifest) -> Table:

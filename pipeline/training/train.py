@@ -29,7 +29,7 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import CONFIG, Run
 from pipeline.config.training import PROTOCOLS, TrainingOptions
 from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import progress, say
+from pipeline.machinery.console import each_minute, progress, say
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.folders import followed, held, remove
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
@@ -249,6 +249,7 @@ def _reporting(
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
         loss = f"{options.method_title} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
+        tell(" epochs")
         if board is not None:  # Epochs before an interruption are written again.
             for row in done.history[written:]:
                 for name in sorted(row.keys() - {"epoch"}):
@@ -258,4 +259,5 @@ def _reporting(
 
     with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
+        tell = each_minute(bars, bar)
         yield report
