@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -34,10 +33,10 @@ from pipeline.config.command_line import (
 )
 from pipeline.config.errors import ConfigError
 from pipeline.config.method import CONF
-from pipeline.config.run import STAGES, as_file, names_in, options_of, resolve, unused
+from pipeline.config.composed import as_file, names_in, options_of, resolve, unused
+from pipeline.config.stages import STAGES
 from pipeline.config.texts import as_given, overrides_of
 from pipeline.machinery.console import say, say_once
-from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
     FAULTS_OF_DISKS,
     GOES_ON,
@@ -48,7 +47,7 @@ from pipeline.machinery.ending import (
     show_start,
 )
 from pipeline.machinery.executor import cluster
-from pipeline.machinery.hints import hints
+from pipeline.machinery.hints import next_command
 
 INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 
@@ -153,26 +152,27 @@ def _outcome(config: DictConfig) -> float | None:
         options = options_of(config, given)
     except OmegaConfBaseException as error:
         raise ConfigError(refusal(error)) from error
-    run = resolve(options)
-    names_dataset = not {"size", "task"}.isdisjoint(typed)
-    run = replace(run, names_dataset=names_dataset, composed=as_file(config))
-    options = run.options
     if lost := unused(typed, options.stages):
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
         say_once(f"No requested stage uses {'; '.join(users)}.")
-    check_there(run)
-    stages = [import_module(STAGES[stage]) for stage in options.stages]
-    for stage in stages:  # A later stage refuses before the first one begins.
-        getattr(stage, "refuse", lambda _: None)(run)
+    named = not {"size", "task"}.isdisjoint(typed)
+    jobs = resolve(options, names_dataset=named, composed=as_file(config))
+    modules = {stage: import_module(STAGES[stage].module) for stage in jobs}
+    for stage, job in jobs.items():  # A later stage refuses before the first one begins.
+        getattr(modules[stage], "refuse", lambda _: None)(job)
     answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
     show_start(started=True)
     objective = None
     with cluster(options.executor, options.workers, options.executor_address):
-        for stage in stages:
-            found = stage.run(run)
+        for stage, job in jobs.items():
+            found = modules[stage].run(job)
             objective = objective if found is None else found
-    for line in hints(run, given, _flags()):
-        say(line)
+    *_, (stage, job) = jobs.items()
+    match STAGES[stage].next_step(job, [*jobs]):
+        case (line,):
+            say(line)
+        case (added, purpose):
+            say(next_command(options, added, purpose, given, _flags()))
     return objective
 
 

@@ -1,4 +1,33 @@
-"""The declaration of what stages leave beside datasets."""
+"""The stages of the program, by the names of the folders that declare them.
 
-COMPANIONS = ("pipeline.questions.companion",)
-"""The modules that declare a `COMPANION`; see `pipeline.inspection.companions`."""
+To take a wing out, delete its folder, its tests and its name here.
+"""
+
+from importlib import import_module
+
+from pipeline.config.stage import Stage
+
+WINGS = (
+    "generation",
+    "questions",
+    "inspection",
+    "release",
+    "report",
+    "export",
+    "training",
+    "evaluation",
+    "results",
+    "season",
+)
+"""The folders whose `options.py` declares `STAGES`."""
+
+
+def _declared() -> dict[str, Stage]:
+    stages: dict[str, Stage] = {}
+    for wing in WINGS:
+        stages |= import_module(f"pipeline.{wing}.options").STAGES
+    return stages
+
+
+STAGES = _declared()
+"""Stage -> its declaration, in the order of `--help`."""

@@ -19,10 +19,11 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 
+from pipeline.config.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
 from pipeline.config.method import CONF, METHODS, usual_settings
 from pipeline.config.option import schema
-from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, SECTIONS, STAGES, RunConfig
+from pipeline.stages import STAGES
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
 """The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""
@@ -50,7 +51,7 @@ of Hydra itself.
 def register() -> None:
     """Register with Hydra the schema, the text of `--help`, and where configurations lie."""
     store = ConfigStore.instance()
-    node = OmegaConf.structured(schema(RunConfig))
+    node = OmegaConf.structured(schema(ALL))
     node.method = {}
     OmegaConf.set_struct(node.method, False)  # A user's method has settings of its own.
     store.store(name="schema", node=node)

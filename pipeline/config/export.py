@@ -1,8 +1,9 @@
-"""The options of the stage `export`, and the constants of its folders."""
+"""The options of exports, which the stages `export` and `publish` use, and where exports lie."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
@@ -40,3 +41,7 @@ class ExportOptions:
     image_size: int = option(
         DEFAULT_IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
     )
+
+    def path(self, config: str) -> Path:
+        """Return the folder of the exports of a dataset's config, with a subfolder a split."""
+        return Path(self.folder).expanduser() / self.format / NAMESPACE / config

@@ -1,4 +1,4 @@
-"""The options of the stages `train`, `evaluate` and `results`.
+"""The options that name a training run: what is trained, on what, and where.
 
 This module does not import torch, so that `labyrinth-datasets --help` stays quick.
 """
@@ -8,20 +8,20 @@ from __future__ import annotations
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from importlib import import_module
 from math import inf
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunName
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.method import METHODS, target_of
-from pipeline.config.option import LOCAL_FOLDER, check_options, option
+from pipeline.config.option import check_options, option
+from pipeline.config.options import RunFolderOption, SourceOptions
+from pipeline.config.stage import Job
 
 SUBMISSIONS = "submissions"
 """The folder in `results_dir` for the results of submitted policies."""
@@ -59,7 +59,7 @@ scripts/studies/methods/authors.
 
 
 @dataclass(frozen=True)
-class TrainingOptions:
+class TrainingOptions(SourceOptions, RunFolderOption):
     """What is trained, on what, and where; the method itself checks its settings."""
 
     method: dict[str, Any] = option(  # noqa: RUF009
@@ -87,39 +87,12 @@ class TrainingOptions:
     train_labyrinths: int | None = option(
         None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
     )
-    dataset: str | None = option(
-        None,
-        "dataset to use instead of data_dir: an id on the Hub, such as user/labyrinth, or a folder",
-    )
-    revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
-    policy: str = option(
-        "",
-        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
-        "Hub such as user/planner-5x5@1.0.0",
-        like=(
-            r"([\w.]+:[\w.]+|(?!.*\.zip$)[^@:\x00-\x1f]+(@[\w./-]+)?)?",
-            "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
-            "@ and a revision if it is not main",
-        ),
-    )
-    evaluate_on: str = option(
-        "",
-        "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
-        "user/name/4x6 on the Hub",
-        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
-    )
-    results_dir: str = option(
-        "results",
-        "folder of the evaluations, and of the tables made from them",
-        like=LOCAL_FOLDER,
-    )
     device: str = option(
         "auto", "device of the networks: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
     )
     threads: int | None = option(
         None, "CPU threads of the networks (all cores)", at_least=1, at_most=1_000
     )
-    tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
 
     @property
     def method_name(self) -> str:
@@ -144,58 +117,6 @@ class TrainingOptions:
         return self.method_title if own else self.encoder
 
 
-@dataclass(frozen=True)
-class EvaluationOptions:
-    """How the policy that `policy` names is evaluated, and how its results describe it."""
-
-    image_size: int | None = option(
-        None,
-        "pixels on each side of the pictures (the policy's own size, or 64)",
-        at_least=1,
-        at_most=PICTURE_SIZE,
-    )
-    episodes: int | None = option(
-        None,
-        "episodes per labyrinth, for a policy that samples its actions",
-        at_least=1,
-        at_most=MOST_EPISODES,
-    )
-    splits: tuple[str, ...] = option(
-        (), "splits to evaluate policy on, one or a list (all but random)", one_of=SPLITS
-    )
-    gifs: int = option(
-        0,
-        "number of GIFs that show the policy beside the solver in labyrinths of test, failures "
-        "first",
-        at_least=0,
-        at_most=1_000,
-    )
-    name: str = option("", "name of the policy in tables (the last part of policy)")
-    author: str = option("", "author of the policy")
-    url: str = option(
-        "",
-        "page that describes the policy",
-        like=(r"(https?://\S+)?", "an address such as https://example.org"),
-    )
-    date: str = option(
-        "", "date of the evaluation, such as 2026-11-30; not filled in automatically"
-    )
-    budget: str = option("", "training data of the policy, such as '100 demonstrations of train'")
-    train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
-    train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
-    parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
-
-
-def check_policy(options: TrainingOptions, evaluation: EvaluationOptions) -> None:
-    """Raise a ConfigError if an option for evaluating `policy` is invalid."""
-    check_options(options, TrainingOptions)
-    check(
-        not options.evaluate_on,
-        f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
-    )
-    check_options(evaluation, EvaluationOptions, "evaluation.")
-
-
 def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option for training is invalid."""
     name, seen = options.method_name, options.observation
@@ -211,18 +132,6 @@ def check_training(options: TrainingOptions) -> None:
         options.network == options.encoder or seen == "image",
         f"method={name} learns from pictures: leave observation=image",
     )
-
-
-def check_unnamed(evaluation: EvaluationOptions) -> None:
-    """Raise a ConfigError if an option that only `policy` has is given without it."""
-    check_options(evaluation, EvaluationOptions, "evaluation.")
-    for each in fields(evaluation):
-        value = getattr(evaluation, each.name)
-        check(
-            value == each.default or each.name == "gifs",
-            f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
-            "name, on all splits",
-        )
 
 
 def check_method(options: TrainingOptions) -> None:
@@ -275,3 +184,20 @@ def check_run(run: RunName, observation: str) -> None:
     check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
     seen = encoders[run.encoder]
     check(observation == seen, f"observation={observation}: encoder={run.encoder} looks at {seen}")
+
+
+def run_name(job: Job[TrainingOptions]) -> RunName:
+    """Return the name that distinguishes a training run from others on the same dataset."""
+    options = job.options
+    return RunName(
+        method=options.method_title,
+        encoder=options.network,
+        protocol=options.protocol,
+        train_labyrinths=options.train_labyrinths,
+        seed=job.dataset.seed,
+    )
+
+
+def training_folder(job: Job[TrainingOptions]) -> Path:
+    """Return the folder of a trained policy."""
+    return Path(job.options.run_dir).expanduser() / job.dataset.name / run_name(job).name

@@ -15,8 +15,9 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.evaluation.named import INSTEAD, Judged, judge_named
+from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 
@@ -24,7 +25,7 @@ ATTEMPTS = "attempts"
 """The folder of animated GIFs, inside the folder of the results."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[EvaluateOptions]) -> None:
     """Evaluate the policy of a run, or the one that `policy` names.
 
     Raises:
@@ -33,18 +34,18 @@ def run(run: Run) -> None:
             dataset or a split is missing.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    if run.options.policy:
-        judged = judge_named(run)
+    if job.options.policy:
+        judged = judge_named(job)
     else:
         from pipeline.evaluation.trained import judge_trained  # It imports torch.
 
-        judged = judge_trained(run)
+        judged = judge_trained(job)
     path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
-    overwrite = run.options.overwrite
+    overwrite = job.options.overwrite
     leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=INSTEAD)
-    if run.options.evaluation.gifs:
+    if job.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
-        written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
+        written = _show(judged, folder, job.options.evaluation.gifs, job.dataset.seed)
         say(f"{folder} has {written} animated GIFs.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():

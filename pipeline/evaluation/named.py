@@ -22,8 +22,10 @@ from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
-from pipeline.config.training import EvaluationOptions, named
+from pipeline.config.options import source_of
+from pipeline.config.stage import Job
+from pipeline.config.training import named
+from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import manifest_of
 
@@ -45,7 +47,7 @@ class Judged(NamedTuple):
     """Identifies the run or the policy that the folder of the results belongs to."""
 
 
-def judge_named(run: Run) -> Judged:
+def judge_named(job: Job[EvaluateOptions]) -> Judged:
     """Evaluate the policy that the option `policy` names, and return its results.
 
     Raises:
@@ -53,19 +55,19 @@ def judge_named(run: Run) -> Judged:
         DatasetError: The policy or the dataset cannot be read, or a split is missing.
         PolicyError: The policy fails, returns no actions, or does not support these labyrinths.
     """
-    options, asked = run.options, run.options.evaluation
+    options, asked = job.options, job.options.evaluation
     name = asked.name.strip() or Path(options.policy).name
-    runs = Path(options.run_dir).expanduser() / run.dataset.name
+    runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / RESULTS
     if not asked.name and path.with_name(RECORD).exists():  # A run keeps its own results there.
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / RESULTS
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
-    manifest = manifest_of(run)  # Its error says how to make a dataset that is missing.
+    manifest = manifest_of(job)  # Its error says how to make a dataset that is missing.
     config = manifest.config
     key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": manifest.fingerprint}
-    require_free(path, key, run)
+    require_free(path, key, job)
     policy = named_policy(options.policy)
     # "image" is the option's default, so it does not say what the policy observes.
     observation = None if options.observation == "image" else options.observation
@@ -86,10 +88,10 @@ def judge_named(run: Run) -> Judged:
         }
         results = evaluate(
             policy,
-            run.source,
-            run.dataset.name,
+            source_of(job),
+            job.dataset.name,
             episodes=asked.episodes,
-            seed=options.seed,
+            seed=job.dataset.seed,
             splits=asked.splits or None,
             **shown,
         )
@@ -97,13 +99,13 @@ def judge_named(run: Run) -> Judged:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    load = partial(load_arrays, run.source, run.dataset.name, resize=spec.resize, **shown)
-    return Judged(about, Player.of(policy, options.seed), load, results, path, key)
+    load = partial(load_arrays, source_of(job), job.dataset.name, resize=spec.resize, **shown)
+    return Judged(about, Player.of(policy, job.dataset.seed), load, results, path, key)
 
 
-def require_free(path: Path, key: Key, run: Run) -> None:
+def require_free(path: Path, key: Key, job: Job[EvaluateOptions]) -> None:
     """Raise a DatasetError if results may not be written to `path`."""
-    Sums.read(path.parent).require_free({path.name: b""}, key, run.options.overwrite, INSTEAD)
+    Sums.read(path.parent).require_free({path.name: b""}, key, job.options.overwrite, INSTEAD)
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

@@ -19,8 +19,11 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import check
-from pipeline.config.run import Run
+from pipeline.config.options import source_of
+from pipeline.config.stage import Job
+from pipeline.config.training import run_name, training_folder
 from pipeline.evaluation.named import Judged, require_free
+from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
 from pipeline.training.checkpoint import options_of, read_policy, require_same
@@ -29,7 +32,7 @@ from pipeline.training.record import read_record, training_versions
 from pipeline.training.train import choose_device, loader_of, spec_of
 
 
-def judge_trained(run: Run) -> Judged:
+def judge_trained(job: Job[EvaluateOptions]) -> Judged:
     """Evaluate the policy of a run on its own dataset or on `evaluate_on`; return its results.
 
     Raises:
@@ -38,7 +41,7 @@ def judge_trained(run: Run) -> Judged:
         DatasetError: The run is not finished, it was trained with other settings than the given
             ones, its dataset has changed since, or a dataset or a split is missing.
     """
-    folder, options = run.training_folder, run.options
+    folder, options = training_folder(job), job.options
     record = read_record(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
@@ -47,7 +50,7 @@ def judge_trained(run: Run) -> Judged:
     _, asked = find(options.method_name, about["settings"] | options.method, about["protocol"])
     advice = ": leave the option out, or train with it first"
     require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
-    spec = spec_of(run)
+    spec = spec_of(job)
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
     weights = file_sha256(folder / POLICY)
@@ -56,24 +59,24 @@ def judge_trained(run: Run) -> Judged:
             f"{folder / POLICY} is damaged: its sha256 is not the one in {RECORD}; stages=train "
             "makes it again"
         )
-    judged_on = elsewhere(run) if options.evaluate_on else run
+    judged_on = elsewhere(job) if options.evaluate_on else job
     manifest = manifest_of(judged_on)
     config, fingerprint = manifest.config, manifest.fingerprint
-    if judged_on is run and fingerprint != about["fingerprint"]:
+    if judged_on is job and fingerprint != about["fingerprint"]:
         raise DatasetError(
-            f"{folder} was trained on another dataset than {run.source}: their fingerprints "
-            f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={run.source}/"
+            f"{folder} was trained on another dataset than {source_of(job)}: their fingerprints "
+            f"are {about['fingerprint']:.8} and {fingerprint:.8}; evaluate_on={source_of(job)}/"
             f"{config.name} evaluates it on that dataset anyway"
         )
     path = folder / RESULTS
-    if judged_on is not run:
+    if judged_on is not job:
         path = path.with_stem(f"{path.stem}-{config.name}-{fingerprint:.8}")
-    require_free(path, options_of(about), run)
+    require_free(path, options_of(about), job)
     size = method.image_size(spec, settings, config.height, config.width)
     shape = replace(spec, height=config.height, width=config.width)
     acting = method.player(policy, shape, settings)
-    player, load = Player.of(acting, options.seed), loader_of(judged_on, size)
-    learnt = None if judged_on is run else learnt_from(run, about["fingerprint"], config)
+    player, load = Player.of(acting, job.dataset.seed), loader_of(judged_on, size)
+    learnt = None if judged_on is job else learnt_from(job, about["fingerprint"], config)
     splits = (*EVALUATED_SPLITS, *config.shifts)
     scores, baselines = judge(
         player,
@@ -83,16 +86,16 @@ def judge_trained(run: Run) -> Judged:
         learnt=learnt,
         blind=True,
     )
-    require_unchanged(judged_on.source, config.name, fingerprint)
+    require_unchanged(source_of(judged_on), config.name, fingerprint)
     as_tried = None
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
         rates = (f"{split} {figures['sr']:.0%}" for split, figures in as_tried.items())
         say(f"Evaluated as in the code of protocol={options.protocol}: {', '.join(rates)}")
     made = TrainedRun(
-        **asdict(run.run_name),
+        **asdict(run_name(job)),
         settings=about["settings"],
-        config=run.dataset.name,
+        config=job.dataset.name,
         dataset=about["dataset"],
         revision=about["revision"],
         fingerprint=about["fingerprint"],
@@ -106,7 +109,7 @@ def judge_trained(run: Run) -> Judged:
         as_tried=as_tried,
     )
     results = Results(
-        dataset=judged_on.source,
+        dataset=source_of(judged_on),
         revision=judged_on.options.revision,
         config=config.name,
         fingerprint=fingerprint,
@@ -114,7 +117,7 @@ def judge_trained(run: Run) -> Judged:
         image_size=size if options.observation == "image" else None,
         way=way_of(player),
         episodes=1,
-        seed=options.seed,
+        seed=job.dataset.seed,
         splits=scores,
         baselines=baselines,
         run=made,
@@ -122,39 +125,41 @@ def judge_trained(run: Run) -> Judged:
     return Judged(Description(made.name), player, load, results, path, options_of(about))
 
 
-def elsewhere(run: Run) -> Run:
+def elsewhere(job: Job[EvaluateOptions]) -> Job[EvaluateOptions]:
     """Return a copy of the run with `evaluate_on` as its dataset.
 
     Raises:
         ConfigError: The policy observes vectors, which have another meaning in that dataset.
         DatasetError: The dataset does not exist.
     """
-    source, _, name = run.options.evaluate_on.rstrip("/").rpartition("/")
-    config, trained_on = Manifest.read(locate(source, name, [])).config, run.dataset
+    source, _, name = job.options.evaluate_on.rstrip("/").rpartition("/")
+    config, trained_on = Manifest.read(locate(source, name, [])).config, job.dataset
 
     def vectors(of: DatasetConfig) -> tuple[int, int, int]:
         return of.height, of.width, tile_count(of.task)
 
     check(
-        run.options.observation != "vector" or vectors(config) == vectors(trained_on),
-        f"evaluate_on={run.options.evaluate_on}: the policy observes vectors of {trained_on.name}, "
+        job.options.observation != "vector" or vectors(config) == vectors(trained_on),
+        f"evaluate_on={job.options.evaluate_on}: the policy observes vectors of {trained_on.name}, "
         f"which have another format than those of {name}",
     )
-    options = replace(run.options, dataset=source, revision=None, train_labyrinths=None)
-    return replace(run, options=options, dataset=config)
+    options = replace(job.options, dataset=source, revision=None, train_labyrinths=None)
+    return replace(job, options=options, dataset=config)
 
 
-def learnt_from(run: Run, fingerprint: str, config: DatasetConfig) -> LabyrinthArrays | None:
+def learnt_from(
+    job: Job[EvaluateOptions], fingerprint: str, config: DatasetConfig
+) -> LabyrinthArrays | None:
     """Return the labyrinths that the policy learnt from; None if they are unavailable.
 
     Also None if `config` differs in size or task, so that nothing could be remembered.
     """
-    trained_on = run.dataset
+    trained_on = job.dataset
     for name in ("height", "width", "task"):
         if getattr(config, name) != getattr(trained_on, name):
             return None
     try:
-        available = manifest_of(run).fingerprint == fingerprint
+        available = manifest_of(job).fingerprint == fingerprint
     except DatasetError:
         return None
-    return loader_of(run)("train", "vector") if available else None
+    return loader_of(job)("train", "vector") if available else None

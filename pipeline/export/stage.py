@@ -14,7 +14,9 @@ from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS, RECORD
-from pipeline.config.run import CONFIG, Run
+from pipeline.config.options import source_of
+from pipeline.config.stage import CONFIG, Job
+from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums, is_whole, produced
@@ -26,7 +28,7 @@ README = "README.md"
 INSTEAD = "choose another export.folder"
 
 
-def run(run: Run) -> None:
+def run(job: Job[ExportStageOptions]) -> None:
     """Export the splits in `export.splits`, or all.
 
     Raises:
@@ -34,26 +36,26 @@ def run(run: Run) -> None:
         DatasetError: The dataset does not exist or is damaged, an export cannot be written, or its
             folder holds something else.
     """
-    asked, overwrite = run.options.export, run.options.overwrite
+    asked, overwrite = job.options.export, job.options.overwrite
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
-    splits = splits_of(run)
+    splits = splits_of(job)
     for split in splits:  # Check all of them before writing the first.
         is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
     for split in splits:
-        _export(split, root / split.id, write, run)
+        _export(split, root / split.id, write, job)
 
 
-def _export(split: Split, target: Path, write: Callable[[Split, Path], None], run: Run) -> None:
+def _export(split: Split, target: Path, write: Callable[[Split, Path], None], job: Job[ExportStageOptions]) -> None:
     """Export a split to a folder, unless the export is there already."""
-    overwrite = run.options.overwrite
+    overwrite = job.options.overwrite
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
                 write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
-                if run.composed:
-                    write_text(made / CONFIG, run.composed)
+                if job.composed:
+                    write_text(made / CONFIG, job.composed)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.
@@ -75,19 +77,19 @@ def _writer(format_: str) -> Callable[[Split, Path], None]:
     return write
 
 
-def splits_of(run: Run) -> list[Split]:
+def splits_of(job: Job[ExportStageOptions]) -> list[Split]:
     """Return the splits to export; raises the same errors as `run`."""
-    asked, options = run.options.export, run.options
-    manifest = manifest_of(run)
+    asked, options = job.options.export, job.options
+    manifest = manifest_of(job)
     names = list(dict.fromkeys(shard.split for shard in manifest.shards))
     unknown = [name for name in asked.splits if name not in names]
     check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(names)}")
     files = [TABLE, f"../{README}"]
-    folder = locate(run.source, manifest.config.name, files, options.revision)
+    folder = locate(source_of(job), manifest.config.name, files, options.revision)
     values, _ = front_matter.read(folder.parent / README)
     return [
         Split(
-            source=run.source,
+            source=source_of(job),
             revision=options.revision,
             folder=folder,
             manifest=manifest,

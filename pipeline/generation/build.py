@@ -18,7 +18,6 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -39,8 +38,9 @@ from labyrinth_core.data.manifest import (
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.generation.candidates import CELLS_PER_CHUNK, Candidates, Chunk, Records, draw_chunk
+from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
     ShardJob,
     ShardThere,
@@ -62,17 +62,20 @@ from pipeline.machinery.markdown import count
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
 
+REFERS = "runs and results made from it would refer to a dataset that is gone"
+"""Why a dataset is not replaced without a word."""
+
 Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
 """The function `plan`, of which only the argument `shorter` is open."""
 
 
-def run(run: Run, **sizes: Any) -> None:
+def run(job: Job[BuildOptions], **sizes: Any) -> None:
     """Build the dataset of a run, or a part of it, or complete a finished dataset.
 
     This makes its damaged or missing files again, or adds the labyrinths and shifts to grow by.
 
     Args:
-        run: The run.
+        job: The options, and the dataset to make.
         sizes: As for `build`.
 
     Raises:
@@ -81,18 +84,18 @@ def run(run: Run, **sizes: Any) -> None:
             made again with the same bytes.
         OSError: The folder cannot be written.
     """
-    manifest = build(run, **sizes)
+    manifest = build(job, **sizes)
     if manifest is None:
         return
-    with held(run.data_dir, "README.md"):
-        front_matter.update(run.data_dir)
+    with held(job.data_dir, "README.md"):
+        front_matter.update(job.data_dir)
     console.print(summary(manifest))
     _report_cut(manifest)
-    say(f"To load it: {_loading_line(run)}")
+    say(f"To load it: {_loading_line(job)}")
 
 
 def build(
-    run: Run,
+    job: Job[BuildOptions],
     *,
     cells_per_shard: int = CELLS_PER_SHARD,
     cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
@@ -100,52 +103,52 @@ def build(
     """Build as `run` does, without the summary, and return the manifest, or None for a part.
 
     Args:
-        run: The run.
+        job: The options, and the dataset to make.
         cells_per_shard: The cells of all labyrinths in a shard, which has at least one labyrinth.
         cells_per_chunk: The cells of all candidates in the first chunk and in any other; each has
             at least one candidate.
     """
-    workplace = Workplace.of(run.folder)
-    plan_of = partial(plan, run, workplace, cells_per_shard, cells_per_chunk)
-    with held(run.data_dir, run.dataset.name):
+    workplace = Workplace.of(job.folder)
+    plan_of = partial(plan, job, workplace, cells_per_shard, cells_per_chunk)
+    with held(job.data_dir, job.dataset.name):
         workplace.recover()
-        there = None if run.options.overwrite else _there(run)
-        if there is not None and there.config == run.dataset:
+        there = None if job.options.overwrite else _there(job)
+        if there is not None and there.config == job.dataset:
             try:
-                _mend(run, workplace, there, plan_of)
+                _mend(job, workplace, there, plan_of)
             finally:  # Another run, with other options, may have been stopped here.
-                if workplace.is_for(run.dataset) or not workplace.has_begun:
+                if workplace.is_for(job.dataset) or not workplace.has_begun:
                     workplace.clear()
-            return there if run.part is None else None
-        check_capacity(run.dataset)
+            return there if job.options.numbers is None else None
+        check_capacity(job.dataset)
         workplace.refuse_others_files()
-        front_matter.read(run.data_dir / "README.md")  # Raises if it is another user's file.
-        if run.part is None:
-            return _build(run, workplace, there, plan_of)
-        part, parts = run.part
-        recount = run.options.overwrite and workplace.is_for(run.dataset)
-        workplace.prepare(run.dataset, parts=parts, overwrite=recount)
+        front_matter.read(job.data_dir / "README.md")  # Raises if it is another user's file.
+        if job.options.numbers is None:
+            return _build(job, workplace, there, plan_of)
+        part, parts = job.options.numbers
+        recount = job.options.overwrite and workplace.is_for(job.dataset)
+        workplace.prepare(job.dataset, parts=parts, overwrite=recount)
     # Each part has its own lock, because parts are made at the same time.
-    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
-        shards = _made(run, plan_of(there)[0][part % parts :: parts])
+    with held(job.data_dir, f"{job.dataset.name}.part-{part}-of-{parts}"):
+        shards = _made(job, plan_of(there)[0][part % parts :: parts])
     say(
-        f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
+        f"part={part}/{parts} of {job.folder} is finished, {count(len(shards), 'shard')}: when all "
         "parts are, run the same command without part to join them."
     )
     return None
 
 
-def _there(run: Run) -> Manifest | None:
+def _there(job: Job[BuildOptions]) -> Manifest | None:
     """Return the manifest of the dataset in the folder of a run, None if there is no dataset.
 
     The dataset has the same options; or it has fewer labyrinths or shifts, and grows. A dataset in
     an object store, where files are not replaced all at once, cannot grow.
     """
-    folder = run.folder
+    folder = job.folder
     if not (folder / MANIFEST).is_file():
         return None
     manifest = Manifest.read(folder)
-    there, asked = manifest.config, run.dataset
+    there, asked = manifest.config, job.dataset
     differing = "; ".join(
         f"{there.given(each.name)}, not {asked.given(each.name)}"
         for each in fields(there)
@@ -154,12 +157,12 @@ def _there(run: Run) -> Manifest | None:
     same = replace(there, labyrinths=asked.labyrinths, shifts=asked.shifts) == asked
     more = there.labyrinths <= asked.labyrinths and {*there.shifts} <= {*asked.shifts}
     can_grow = same and more and isinstance(folder, Path)
-    if differing and can_grow and not run.options.grow:
+    if differing and can_grow and not job.options.grow:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
-            f"another data_dir; {_what_refers_to(manifest, run)}"
+            f"another data_dir; {REFERS}"
         )
-    if differing and same and not more and run.options.grow:
+    if differing and same and not more and job.options.grow:
         shifts = ",".join(shift for shift in SHIFTS if shift in {*there.shifts, *asked.shifts})
         raise DatasetError(
             f"{folder} holds a dataset with {differing}: to extend it, give all it is to have, "
@@ -173,22 +176,11 @@ def _there(run: Run) -> Manifest | None:
     return manifest
 
 
-def _what_refers_to(manifest: Manifest, run: Run) -> str:
-    """Return a clause that names runs and results of a dataset, found by its fingerprint."""
-    folders = Path(run.options.run_dir) / manifest.config.name, Path(run.options.results_dir)
-    files = chain.from_iterable(folder.expanduser().rglob("*.json") for folder in folders)
-    mark = manifest.fingerprint.encode()
-    found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
-    named = ", ".join(sorted(found)[:2]) or "runs and results"
-    more = f" and {len(found) - 2} more" if len(found) > 2 else ""
-    return f"{named}{more} would refer to a dataset that is gone"
-
-
-def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
+def _mend(job: Job[BuildOptions], workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
     """Make the damaged and missing files of a finished dataset again, and say which."""
     lacks = workplace.lacks(manifest)
     if not lacks:
-        say(f"{run.folder} is complete already.")
+        say(f"{job.folder} is complete already.")
         return
     # The table is made from the facts of all shards.
     again = {
@@ -196,30 +188,32 @@ def _mend(run: Run, workplace: Workplace, manifest: Manifest, plan_of: Plan) -> 
         for shard in manifest.shards
         if shard.path in lacks or TABLE in lacks
     }
-    workplace.begin(run.dataset)
+    workplace.begin(job.dataset)
     jobs = [
         replace(job, path=there.path, there=there)
         for job in plan_of(None)[0]
         if (there := again.get(job.path.name))
     ]
-    made = {shard.path for shard in _made(run, jobs)}
+    made = {shard.path for shard in _made(job, jobs)}
     if missing := [name for name in again if name not in made]:
-        raise DatasetError(not_as_it_was(run.folder / missing[0]))
+        raise DatasetError(not_as_it_was(job.folder / missing[0]))
     if TABLE in lacks:
-        _tabulate(workplace, run.folder, jobs, manifest.labyrinths)
-    say(f"{run.folder} is complete again; repaired: {', '.join(lacks)}.")
+        _tabulate(workplace, job.folder, jobs, manifest.labyrinths)
+    say(f"{job.folder} is complete again; repaired: {', '.join(lacks)}.")
 
 
-def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Plan) -> Manifest:
+def _build(
+    job: Job[BuildOptions], workplace: Workplace, shorter: Manifest | None, plan_of: Plan
+) -> Manifest:
     """Build the whole dataset, from its parts if it has any, and return its manifest."""
     try:
-        workplace.prepare(run.dataset, overwrite=run.options.overwrite)
+        workplace.prepare(job.dataset, overwrite=job.options.overwrite)
         jobs, form = plan_of(shorter)
         parts = workplace.parts
-        shards = _joined(run, jobs, parts) if parts else _made(run, jobs)
-        _check_shifts(run.dataset, shards)
+        shards = _joined(job, jobs, parts) if parts else _made(job, jobs)
+        _check_shifts(job.dataset, shards)
         labyrinths = _tabulate(workplace, workplace.shards, jobs)
-        manifest = Manifest(run.dataset, build_versions(), shards, labyrinths, form)
+        manifest = Manifest(job.dataset, build_versions(), shards, labyrinths, form)
         workplace.commit(manifest)
     except ConfigError:  # There are too few labyrinths, so the shards are of no use.
         workplace.clear()
@@ -236,7 +230,7 @@ def _build(run: Run, workplace: Workplace, shorter: Manifest | None, plan_of: Pl
 
 
 def plan(
-    run: Run,
+    job: Job[BuildOptions],
     workplace: Workplace,
     cells_per_shard: int,
     cells_per_chunk: tuple[int, int],
@@ -247,7 +241,7 @@ def plan(
     Workers draw the candidates if there are many.
 
     Args:
-        run: The run.
+        job: The options, and the dataset to make.
         workplace: The folders of the build.
         cells_per_shard: As for `build`.
         cells_per_chunk: As for `build`.
@@ -257,15 +251,17 @@ def plan(
         ConfigError: There are too few labyrinths.
         DatasetError: The dataset cannot grow.
     """
-    config, building = run.dataset, workplace.building
+    config, building = job.dataset, workplace.building
 
     def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
         jobs = [(chunk, building) for chunk in chunks]
-        if run.part is not None:  # Each part draws its own chunks first, then those still missing.
-            part, parts = run.part
+        if (
+            job.options.numbers is not None
+        ):  # Each part draws its own chunks first, then those still missing.
+            part, parts = job.options.numbers
             own = len(jobs) * (part - 1) // parts
             jobs = jobs[own:] + jobs[:own]
-        drawn = ordered_map(draw_chunk, jobs, run.options.workers)
+        drawn = ordered_map(draw_chunk, jobs, job.options.workers)
         for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
             pass
         return (chunk.read(building) for chunk in chunks)
@@ -274,7 +270,7 @@ def plan(
     sampled = sample(config, candidates)
     size = max(1, cells_per_shard // (config.height * config.width))
     shards = -(-config.labyrinths // size)
-    there = {} if shorter is None else _shards_there(run.folder, shorter, sampled.structures)
+    there = {} if shorter is None else _shards_there(job.folder, shorter, sampled.structures)
     jobs = []
     for split in config.splits:
         of_split = sampled.structures[SPLITS[split].parent or split]
@@ -286,7 +282,7 @@ def plan(
             jobs.append(ShardJob(config, split, first, structures, path, building, found))
     if shorter is not None:
         stay = sum(job.there is not None for job in jobs)
-        say(f"{run.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
+        say(f"{job.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
     in_one_chunk = sampled.candidates <= candidates.first.size
     return jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
 
@@ -328,21 +324,21 @@ def _shards_there(
     return there if dict(shorter.versions) == build_versions() else {}
 
 
-def _made(run: Run, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
-    made = ordered_map(make_shard, jobs, run.options.workers)
+def _made(job: Job[BuildOptions], jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
+    made = ordered_map(make_shard, jobs, job.options.workers)
     total = sum(len(job.structures) for job in jobs)
     return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
 
 
-def _joined(run: Run, jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
+def _joined(job: Job[BuildOptions], jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
     """Return the shards that parts have finished; raise DatasetError if one is missing."""
-    found = list(ordered_map(finished, jobs, run.options.workers))
+    found = list(ordered_map(finished, jobs, job.options.workers))
     missing = [number for number, shard in enumerate(found) if shard is None]
     if missing:
         of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))
         more = f" and {len(of) - 8} others" if len(of) > 8 else ""
         raise DatasetError(
-            f"{run.folder}: {len(missing)} of {count(len(jobs), 'shard')} missing, those of part "
+            f"{job.folder}: {len(missing)} of {count(len(jobs), 'shard')} missing, those of part "
             f"{', '.join(of[:8])}{more}; this command with part={of[0]} makes the first of them"
         )
     return tuple(shard for shard in found if shard is not None)
@@ -381,14 +377,14 @@ def _tabulate(
         return written
 
 
-def _loading_line(run: Run) -> str:
+def _loading_line(job: Job[BuildOptions]) -> str:
     """Return the line of Python that loads the dataset of a run."""
-    place = str(run.data_dir)
-    whole = str(run.data_dir.absolute()) if isinstance(run.data_dir, Path) else place
+    place = str(job.data_dir)
+    whole = str(job.data_dir.absolute()) if isinstance(job.data_dir, Path) else place
     # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
     is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
     load = "load_transitions" if is_strange or "://" in place else "load_dataset"
-    return f"{load}({place!r}, {run.dataset.name!r})"
+    return f"{load}({place!r}, {job.dataset.name!r})"
 
 
 def _report_cut(manifest: Manifest) -> None:

@@ -24,7 +24,8 @@ from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
-from pipeline.config.run import Run
+from pipeline.config.options import WorkersOption
+from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
     CheckJob,
     Problem,
@@ -64,24 +65,24 @@ class ValidationError(DatasetError):
         super().__init__("\n  ".join(lines))
 
 
-def run(run: Run) -> None:
+def run(job: Job[WorkersOption]) -> None:
     """Validate the dataset in the folder of a run.
 
     Raises:
         ValidationError: The dataset is wrong; the message names file, row and field.
         DatasetError: The dataset does not exist.
     """
-    manifest = Manifest.read(run.folder)
-    problems = validate(run.folder, manifest, run.options.workers)
-    valid = [f"{run.folder} is valid: {sum(s.rows for s in manifest.shards):,} rows replayed."]
+    manifest = Manifest.read(job.folder)
+    problems = validate(job.folder, manifest, job.options.workers)
+    valid = [f"{job.folder} is valid: {sum(s.rows for s in manifest.shards):,} rows replayed."]
     for kind in companions():
-        if (made := kind.of(run.data_dir, manifest)) is not None:
-            folder = run.data_dir / kind.config(run.dataset.name)
-            problems += kind.problems(run.folder, manifest, folder, made, run.options.workers)
+        if (made := kind.of(job.data_dir, manifest)) is not None:
+            folder = job.data_dir / kind.config(job.dataset.name)
+            problems += kind.problems(job.folder, manifest, folder, made, job.options.workers)
             rows = sum(shard.rows for shard in made.shards)
             valid.append(f"{folder} is valid: {rows:,} {kind.suffix}.")
     if problems:
-        raise ValidationError(run.folder, problems)
+        raise ValidationError(job.folder, problems)
     for line in valid:
         say(line)
 

@@ -28,7 +28,7 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.inspection.counts import Content
 from pipeline.inspection.leakage import (
     NEAR,
@@ -40,6 +40,7 @@ from pipeline.inspection.leakage import (
     id_of,
     structure_of,
 )
+from pipeline.inspection.options import AnalyseOptions
 from pipeline.inspection.shift import PERMUTATIONS, compare
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.machinery.artifact import leave
@@ -53,23 +54,23 @@ LEAKS_SHOWN = 10
 """The maximum number of leaks or problems of one kind printed in the terminal."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[AnalyseOptions]) -> None:
     """Analyse the dataset of a run, or the external dataset in `leakage.source`.
 
     Raises:
         DatasetError: The dataset is missing or damaged.
         OSError: The result cannot be written.
     """
-    source = run.options.leakage.source
-    for line in _analyse(run) if source is None else _analyse_elsewhere(source, run):
+    source = job.options.leakage.source
+    for line in _analyse(job) if source is None else _analyse_elsewhere(source, job):
         say(line)
 
 
-def _analyse(run: Run) -> Iterator[str]:
+def _analyse(job: Job[AnalyseOptions]) -> Iterator[str]:
     """Analyse a dataset, leave the result in its folder, and yield the lines to print."""
-    folder = run.folder
+    folder = job.folder
     manifest = Manifest.read(folder)
-    statistics, contents = read_contents(folder, manifest, run.options.workers)
+    statistics, contents = read_contents(folder, manifest, job.options.workers)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     leakage = find_leakage(labyrinths, statistics.certificate)
     pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
@@ -87,7 +88,7 @@ def _analyse(run: Run) -> Iterator[str]:
         },
     }
     text = _as_text(content).encode()
-    leave(folder, {ANALYSIS: text}, overwrite=run.options.overwrite)
+    leave(folder, {ANALYSIS: text}, overwrite=job.options.overwrite)
     yield from _leaks(leakage, {})
     yield f"{folder / ANALYSIS} has near-twins and tests of shift."
 
@@ -111,13 +112,13 @@ def read_contents(
     return statistics, {split: Content.joined(of_split) for split, of_split in parts.items()}
 
 
-def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
+def _analyse_elsewhere(source: str, job: Job[AnalyseOptions]) -> Iterator[str]:
     """Analyse an external dataset, print the table, and yield the other lines to print.
 
     Raises:
         DatasetError: Some labyrinths could not be read; raised after analysing the others.
     """
-    config = run.options.leakage.config
+    config = job.options.leakage.config
     found = read_elsewhere(source, config)
     keys = {split: Keys.of(labyrinths) for split, labyrinths in found.splits.items()}
     leakage = find_leakage(found.splits, certify(keys))
@@ -130,8 +131,8 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         "files": found.files,
     }
     name = _name_of(source, config)
-    leave(run.data_dir / FOLDER, {name: _as_text(content).encode()})
-    path = run.data_dir / FOLDER / name
+    leave(job.data_dir / FOLDER, {name: _as_text(content).encode()})
+    path = job.data_dir / FOLDER / name
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)
     if found.structures_alone:

@@ -2,8 +2,8 @@
 
 A companion of `5x5` lies in a folder of its own, such as `5x5-questions`, with a manifest in the
 format of a dataset's. Each of its shards is about the dataset's shard of the same name, and has
-that shard's fingerprint. The stage that writes a companion declares it; card, release and
-validation learn of it here.
+that shard's fingerprint. The wing that writes a companion declares it as the `COMPANION`
+of its module `companion`; card, release and validation learn of it here.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import Column
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
-from pipeline.stages import COMPANIONS
+from pipeline.stages import WINGS
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,8 @@ class Companion:
 @cache
 def companions() -> tuple[Companion, ...]:
     """Return the declared kinds of companions."""
-    return tuple(import_module(module).COMPANION for module in COMPANIONS)
+    modules = (f"pipeline.{wing}.companion" for wing in WINGS)
+    return tuple(import_module(module).COMPANION for module in modules if find_spec(module))
 
 
 def beside(manifests: Sequence[Manifest], kind: Companion) -> dict[str, Manifest]:

@@ -2,67 +2,55 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Iterable
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
-from labyrinth_core.data.storage import RemotePath
+from pipeline.config.composed import KINDS, SHARED
 from pipeline.config.errors import as_value
-from pipeline.config.run import KINDS, Run, RunConfig
-
-DESCRIBE = "stages=[validate,analyse,card]", "check every row and describe the dataset"
-LOOK = "stages=report", "look at it in a browser"
-LEARN = "stages=[train,evaluate] method=bc", "train a policy on it"
-COMPARE = "stages=results", "compare it with others"
-"""The options of each possible next step, and its purpose."""
-
-_OF_ONE_RUN = (
-    *("stages", "overwrite", "grow", "part", "policy", "evaluation"),
-    *("leakage", "publish", "export"),
-)
-"""Options, and groups of options, that the next command line does not repeat."""
+from pipeline.stages import STAGES
 
 
-def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str]:
-    """Return the lines that suggest a next step after a build, an evaluation or a publication.
+def next_command(
+    options: Any, added: str, purpose: str, given: Iterable[str], flags: Iterable[str] = ()
+) -> str:
+    """Return the line that suggests a command, without the options that its stages do not use.
 
     Args:
-        run: The run.
-        given: The overrides of its command line, each as `name=value`.
-        flags: The flags of its command line that choose the configuration.
+        options: All options of the command that has run.
+        added: The options of the next command, such as `stages=report`.
+        purpose: What it is for.
+        given: The overrides of the command line, each as `name=value`.
+        flags: The flags of the command line that choose the configuration.
     """
-    options, last = run.options, run.options.stages[-1]
-    if last == "publish" and not options.publish.dry_run:
-        takes = {
-            "load_transitions takes the id of the dataset": options.publish.repo_id,
-            "load_policy takes the id of the policy": options.publish.model,
-        }
-        return [f"Next: {line}, from any machine." for line, id_ in takes.items() if id_]
-    if last == "evaluate" and not options.evaluate_on:
-        added, purpose = COMPARE
-    elif last == "build" and run.part is None:
-        added, purpose = DESCRIBE
-    elif last == "card" and "build" in options.stages:
-        added, purpose = LEARN if isinstance(run.data_dir, RemotePath) else LOOK
-    else:
-        return []
     more = added.split()
-    left_out = {*_OF_ONE_RUN, *(each.partition("=")[0] for each in more)}
+    stages = re.findall(r"\w+", more[0])[1:]
+    if not {*stages} <= STAGES.keys():
+        return ""  # The wing of a stage was taken out.
+    used = {each.name for stage in stages for each in fields(STAGES[stage].options)} | SHARED
+    used -= {"overwrite", *(each.partition("=")[0] for each in more)}
     names = {each: each.lstrip("+~").partition("=")[0] for each in given}
     kept = [
         _resolved(each, name, options)
         for each, name in names.items()
-        if name.partition(".")[0] not in left_out
+        if name.partition(".")[0] in used or name.partition(".")[0] not in _GROUPS
     ]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]
     script = Path(sys.argv[0]).name == "run.py"
     program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
-    return [f"Next, to {purpose}: {program} {shlex.join([*flags, *kept, *more])}"]
+    return f"Next, to {purpose}: {program} {shlex.join([*flags, *kept, *more])}"
 
 
-def _resolved(given: str, name: str, options: RunConfig) -> str:
+_GROUPS = {name.partition(".")[0] for name in KINDS}
+"""The options, and the groups of options; other names of a command line are Hydra's."""
+
+
+def _resolved(given: str, name: str, options: Any) -> str:
     """Return an override with the value that its option has, in which no reference is left."""
     group, _, key = name.rpartition(".")
     if group == "method" and key in options.method:

@@ -15,7 +15,8 @@ from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
-from pipeline.config.run import Run
+from pipeline.config.options import WorkersOption
+from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
@@ -34,7 +35,7 @@ WRITER_OPTIONS = {
 }
 
 
-def run(run: Run) -> None:
+def run(job: Job[WorkersOption]) -> None:
     """Write the questions about the dataset of a run, unless they are there already.
 
     Raises:
@@ -42,25 +43,25 @@ def run(run: Run) -> None:
             or a user's files are in the place of the questions.
         OSError: The folder cannot be written.
     """
-    manifest, folder = Manifest.read(run.folder), run.data_dir / COMPANION.config(run.dataset.name)
+    manifest, folder = Manifest.read(job.folder), job.data_dir / COMPANION.config(job.dataset.name)
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
-    found = COMPANION.of(run.data_dir, manifest)
+    found = COMPANION.of(job.data_dir, manifest)
     is_other = found is None or found.config != manifest.config  # Then replace it.
     about = COMPANION.shards(manifest, manifest.config)
     names = [MANIFEST, *(shard.path for shard in about)]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
     with produced(folder, key, overwrite=is_other, **rules) as made:
-        state = "is there already" if made is None else _make(run, manifest, made)
-    with held(run.data_dir, "README.md"):
-        front_matter.update(run.data_dir)
+        state = "is there already" if made is None else _make(job, manifest, made)
+    with held(job.data_dir, "README.md"):
+        front_matter.update(job.data_dir)
     say(f"{folder} {state}.")
 
 
-def _make(run: Run, manifest: Manifest, folder: AnyPath) -> str:
+def _make(job: Job[WorkersOption], manifest: Manifest, folder: AnyPath) -> str:
     """Write the questions about a dataset to a folder; return a phrase with their number."""
     about = COMPANION.shards(manifest, manifest.config)
-    write = partial(_write, run.folder, folder)
-    made = ((shard.rows, shard) for shard in ordered_map(write, about, run.options.workers))
+    write = partial(_write, job.folder, folder)
+    made = ((shard.rows, shard) for shard in ordered_map(write, about, job.options.workers))
     total = sum(shard.labyrinths for shard in about)
     shards = tuple(tracked(made, "questions", total=total))
     Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)

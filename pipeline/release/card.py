@@ -18,7 +18,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.config.run import Run
+from pipeline.config.options import WorkersOption
+from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
@@ -68,15 +69,15 @@ _BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 """The bounds of the Hub's size categories: thousand, ten thousand and so on."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[WorkersOption]) -> None:
     """Write the card of the data_dir of a run.
 
     Raises:
         DatasetError: As for `write_card`.
         OSError: The folder cannot be written.
     """
-    datasets = write_card(run.data_dir, workers=run.options.workers)
-    say(f"{run.data_dir / README} describes {', '.join(dataset.name for dataset in datasets)}.")
+    datasets = write_card(job.data_dir, workers=job.options.workers)
+    say(f"{job.data_dir / README} describes {', '.join(dataset.name for dataset in datasets)}.")
 
 
 def write_card(

@@ -23,7 +23,9 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
-from pipeline.config.run import CONFIG, Run
+from pipeline.config.options import source_of
+from pipeline.config.stage import CONFIG, Job
+from pipeline.release.options import PublishStageOptions
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
@@ -39,22 +41,22 @@ NAMESPACE_METADATA = "namespace_metadata.json"
 """The file that marks a Minari group, and each group within a group."""
 
 
-def loading(run: Run) -> str:
+def loading(job: Job[PublishStageOptions]) -> str:
     """Return the line that loads a run's export from the Hub; for Minari, its first split."""
-    options, name = run.options, run.options.publish.export
+    options, name = job.options, job.options.publish.export
     if options.export.format == "lerobot":
         return f'LeRobotDataset("{name}")'
     owner, _, group = name.partition("/")
-    split = (*options.export.splits, *run.dataset.splits)[0]
-    id_ = f"{group}/{run.dataset.name}/{split}-v{VERSION}"
+    split = (*options.export.splits, *job.dataset.splits)[0]
+    id_ = f"{group}/{job.dataset.name}/{split}-v{VERSION}"
     return f"MINARI_REMOTE=hf://{owner} minari download {id_}"
 
 
-def stage_export(run: Run, folder: Path, api: HfApi | None) -> None:
+def stage_export(job: Job[PublishStageOptions], folder: Path, api: HfApi | None) -> None:
     """Write all files of the repository of a run's export, exported files as symbolic links.
 
     Args:
-        run: The run, which names the dataset, the format and the splits.
+        job: The dataset, the format and the splits.
         folder: The folder to write them in.
         api: The Hub's client, or None, as for `published_dataset`.
 
@@ -63,39 +65,39 @@ def stage_export(run: Run, folder: Path, api: HfApi | None) -> None:
         DatasetError: The export of a split is missing, damaged, or of another dataset or options.
         PublishError: The dataset is not on the Hub under the id that was given.
     """
-    asked, (commit, manifest) = run.options.export, _origin(run, api)
+    asked, (commit, manifest) = job.options.export, _origin(job, api)
     splits = tuple(dict.fromkeys(asked.splits)) or manifest.config.splits
     unknown = [name for name in splits if name not in manifest.config.splits]
     allowed = listed(manifest.config.splits)
     check(not unknown, f"export.splits={listed(asked.splits)}: choose from {allowed}")
     if asked.format == "lerobot":
-        records = {split: _linked(run, manifest, split, folder) for split in splits}
+        records = {split: _linked(job, manifest, split, folder) for split in splits}
     else:
-        group = folder / run.dataset.name
+        group = folder / job.dataset.name
         records = {
-            split: _linked(run, manifest, split, group / f"{split}-v{VERSION}") for split in splits
+            split: _linked(job, manifest, split, group / f"{split}-v{VERSION}") for split in splits
         }
-        _group(folder, run, splits)
-    write_text(folder / "README.md", _card(run, manifest, records, commit))
+        _group(folder, job, splits)
+    write_text(folder / "README.md", _card(job, manifest, records, commit))
 
 
-def _origin(run: Run, api: HfApi | None) -> tuple[str | None, Manifest]:
+def _origin(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str | None, Manifest]:
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
-    given = run.options.dataset is not None
-    if run.options.publish.repo_id or (
-        given and local_folder(run.source, run.dataset.name, None) is None
+    given = job.options.dataset is not None
+    if job.options.publish.repo_id or (
+        given and local_folder(source_of(job), job.dataset.name, None) is None
     ):
-        return published_dataset(run, api)
-    return None, manifest_of(run)
+        return published_dataset(job, api)
+    return None, manifest_of(job)
 
 
-def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, Any]:
+def _linked(job: Job[PublishStageOptions], manifest: Manifest, split: str, place: Path) -> dict[str, Any]:
     """Link the files of the export of a split into a folder, and return its record.
 
     Raises:
         DatasetError: The export is missing, damaged, or of another dataset or options.
     """
-    source, size = run.export_folder / f"{split}-v{VERSION}", run.options.export.image_size
+    source, size = job.options.export.path(job.dataset.name) / f"{split}-v{VERSION}", job.options.export.image_size
     own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
         raise DatasetError(f"{source} holds no complete export: stages=export makes it")
@@ -111,38 +113,38 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
     return record
 
 
-def _group(folder: Path, run: Run, splits: Sequence[str]) -> None:
+def _group(folder: Path, job: Job[PublishStageOptions], splits: Sequence[str]) -> None:
     """Make the exports in a folder a Minari group: write its metadata and the datasets' ids."""
-    group = run.options.publish.export.rpartition("/")[2]
-    names = [f"{run.dataset.name}/{split}-v{VERSION}" for split in splits]
+    group = job.options.publish.export.rpartition("/")[2]
+    names = [f"{job.dataset.name}/{split}-v{VERSION}" for split in splits]
     ids = [f"{group}/{name}" for name in names]
     for id_, name in zip(ids, names, strict=True):
         path = folder / name / "data" / "metadata.json"
         content = json.loads(path.read_bytes()) | {"dataset_id": id_}
         path.unlink()  # The link, not its target.
         write_text(path, json.dumps(content))
-    held = {"datasets": ids, "namespaces": [f"{group}/{run.dataset.name}"]}
+    held = {"datasets": ids, "namespaces": [f"{group}/{job.dataset.name}"]}
     write_text(folder / NAMESPACE_METADATA, json.dumps(held, indent=1) + "\n")
-    write_text(folder / run.dataset.name / NAMESPACE_METADATA, "{}\n")
+    write_text(folder / job.dataset.name / NAMESPACE_METADATA, "{}\n")
 
 
 def _card(
-    run: Run, manifest: Manifest, records: Mapping[str, Mapping[str, Any]], commit: str | None
+    job: Job[PublishStageOptions], manifest: Manifest, records: Mapping[str, Mapping[str, Any]], commit: str | None
 ) -> str:
     """Return the README.md, a pure function of the exports and of the release."""
-    name, format_ = run.options.publish.export, run.options.export.format
+    name, format_ = job.options.publish.export, job.options.export.format
     owner, _, group = name.partition("/")
     split, first = next(iter(records.items()))
-    repo_id = None if commit is None else run.dataset_on_hub[0]
+    repo_id = None if commit is None else job.options.dataset_on_hub[0]
     rows = [
         (f"`{split}`", SPLITS[split].meaning, f"{each['episodes']:,}", f"{each['rows']:,}")
         for split, each in records.items()
     ]
-    id_ = f"{group}/{run.dataset.name}/{split}-v{VERSION}"
+    id_ = f"{group}/{job.dataset.name}/{split}-v{VERSION}"
     text = fill(
         "export.md",
         library=KINDS[format_].library,
-        config=run.dataset.name,
+        config=job.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
         use=fill(f"{format_}.md", name=name, owner=owner, id=id_).strip(),
@@ -181,28 +183,28 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
     return values
 
 
-def stage_environment(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
+def stage_environment(job: Job[PublishStageOptions], folder: Path, commit: str, manifest: Manifest) -> None:
     """Write all files of the repository of a run's environment: `env.py` and a card.
 
     LeRobot looks for `env.py` in a model (`lerobot.envs.utils._download_hub_file` of
     https://pypi.org/project/lerobot/, 0.4.4 to 0.6.1), and runs it if its user allows that.
 
     Args:
-        run: The run, which names the dataset and its config.
+        job: The dataset.
         folder: The folder to write them in.
         commit: The commit of the dataset on the Hub.
         manifest: The manifest of that dataset.
     """
-    dataset, _ = run.dataset_on_hub
+    dataset, _ = job.options.dataset_on_hub
     splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
     # As Python literals, so that no text from the Hub can become code.
-    values = {"dataset": repr(dataset), "config": repr(run.dataset.name)}
+    values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
     write_text(folder / "env.py", fill("env.txt", **values, commit=repr(commit)))
     card = fill(
         "environment.md",
-        name=run.options.publish.env,
+        name=job.options.publish.env,
         dataset=dataset,
-        config=run.dataset.name,
+        config=job.dataset.name,
         commit=commit,
         splits=", ".join(f"`{split}`" for split in splits),
         code=code(),

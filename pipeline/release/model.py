@@ -31,10 +31,12 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
+from pipeline.config.training import run_name, training_folder
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.faults import PublishError, explained
+from pipeline.release.options import PublishStageOptions
 from pipeline.release.remote import DATASET, Remote
 from pipeline.release.texts import citation, code, fill, paragraph
 
@@ -43,7 +45,7 @@ from pipeline.release.texts import citation, code, fill, paragraph
 class Trained:
     """A policy to publish, with its runs, results and dataset."""
 
-    run: Run
+    job: Job[PublishStageOptions]
     """The run that publishes the policy, with its name on the Hub, its version and its dataset."""
     made: TrainedRun
     """The run that trained the policy, as the results describe it."""
@@ -60,14 +62,14 @@ class Trained:
     @property
     def revision(self) -> str:
         """The revision of the dataset as the user named it, else its commit."""
-        return self.run.dataset_on_hub[1] or self.commit
+        return self.job.options.dataset_on_hub[1] or self.commit
 
 
-def published_dataset(run: Run, api: HfApi | None) -> tuple[str, Manifest]:
+def published_dataset(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str, Manifest]:
     """Return the commit and the manifest of the dataset on the Hub that a run names.
 
     Args:
-        run: The run.
+        job: The options, and the dataset to make.
         api: The Hub's client; None in a dry run that cannot reach the Hub: the dataset of
             `data_dir` then replaces the one on the Hub, with a commit of zeros.
 
@@ -76,22 +78,24 @@ def published_dataset(run: Run, api: HfApi | None) -> tuple[str, Manifest]:
         DatasetError: `data_dir` has no dataset to replace it.
     """
     if api is None:
-        return 40 * "0", Manifest.read(run.folder)
-    repo_id, revision = run.dataset_on_hub
+        return 40 * "0", Manifest.read(job.folder)
+    repo_id, revision = job.options.dataset_on_hub
     with explained(repo_id):
         try:
             commit = Remote(api, repo_id, DATASET).commit(revision or "main")
         except RevisionNotFoundError as error:
             told = f"{repo_id} has no revision {revision}: publish the dataset first"
             raise PublishError(told) from error
-        return commit, Manifest.read(locate(repo_id, run.dataset.name, [], commit))
+        return commit, Manifest.read(locate(repo_id, job.dataset.name, [], commit))
 
 
-def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> None:
+def stage_policy(
+    job: Job[PublishStageOptions], folder: Path, commit: str, manifest: Manifest
+) -> None:
     """Write all files of the model repository of a run's policy.
 
     Args:
-        run: The run that trained and evaluated it.
+        job: The options that name the run that trained it.
         folder: The folder to write them in.
         commit: The commit of the dataset on the Hub.
         manifest: The manifest of that dataset.
@@ -100,30 +104,30 @@ def stage_policy(run: Run, folder: Path, commit: str, manifest: Manifest) -> Non
         DatasetError: The run has no evaluated policy, or the policy does not load.
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
-    source = run.training_folder
-    results, made = _results(run, _known(run, commit, manifest))
+    source = training_folder(job)
+    results, made = _results(job, _known(job, commit, manifest))
     _copy_weights(source, folder, made)
     policy = load_policy(source)
     write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
-    trained = Trained(run, made, policy.spec, weights, results, commit, manifest)
+    trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
     write_text(folder / "README.md", _card(trained))
 
 
-def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
+def _results(job: Job[PublishStageOptions], known: KnownDataset) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and their description of the run."""
-    folder = run.training_folder
+    folder = training_folder(job)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
     results = Results.load(path, lambda _: known)
-    made_by, named = results.run, (run.dataset.name, run.run_name.name, results.fingerprint)
+    made_by, named = results.run, (job.dataset.name, run_name(job).name, results.fingerprint)
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
         raise DatasetError(f"{path} belongs to another run: {anew}")
     if known.fingerprint != made_by.fingerprint:
         raise PublishError(
-            f"{folder} was trained on another dataset than {run.dataset_on_hub[0]}: their "
+            f"{folder} was trained on another dataset than {job.options.dataset_on_hub[0]}: their "
             f"fingerprints are {made_by.fingerprint:.8} and {known.fingerprint:.8}"
         )
     try:
@@ -137,12 +141,12 @@ def _results(run: Run, known: KnownDataset) -> tuple[Results, TrainedRun]:
     return results, made_by
 
 
-def _known(run: Run, commit: str, manifest: Manifest) -> KnownDataset:
+def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
     """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
-    config = run.dataset.name
-    if (run.folder / MANIFEST).is_file() and Manifest.read(run.folder) == manifest:
-        return KnownDataset(str(run.data_dir), config, None, manifest)
-    return KnownDataset(run.dataset_on_hub[0], config, commit, manifest)
+    config = job.dataset.name
+    if (job.folder / MANIFEST).is_file() and Manifest.read(job.folder) == manifest:
+        return KnownDataset(str(job.data_dir), config, None, manifest)
+    return KnownDataset(job.options.dataset_on_hub[0], config, commit, manifest)
 
 
 def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
@@ -161,7 +165,7 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
 
     A split that was evaluated only in part, as with `train_labyrinths`, is left out.
     """
-    dataset, _ = trained.run.dataset_on_hub
+    dataset, _ = trained.job.options.dataset_on_hub
     config = trained.manifest.config.name
     results = [
         EvalResult(
@@ -185,7 +189,7 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
         pipeline_tag="reinforcement-learning",
         datasets=[dataset],
         tags=["imitation-learning", "generalization", "labyrinth", "arxiv:2509.24784"],
-        model_name=trained.run.options.publish.model.rpartition("/")[2],
+        model_name=trained.job.options.publish.model.rpartition("/")[2],
         eval_results=results,
     )
     return dict(data.to_dict())  # type: ignore[no-untyped-call]
@@ -195,13 +199,13 @@ def _card(trained: Trained) -> str:
     """Return the README.md, a pure function of the evaluation and the dataset."""
     test = trained.results.splits["test"]
     low, high = (f"{100 * bound:.0f}" for bound in test.figures()["sr_interval"])
-    spec, options = trained.spec, trained.run.options.publish
+    spec, options = trained.spec, trained.job.options.publish
     form = "a function from a batch of observations to the scores of the four actions"
     if isinstance(spec.own, MapperSpec):
         form = "an object with `reset(count)` and `act(observations)`, which returns actions"
     text = fill(
         "model.md",
-        dataset=trained.run.dataset_on_hub[0],
+        dataset=trained.job.options.dataset_on_hub[0],
         method=plain(trained.made.method),
         config=trained.manifest.config.name,
         sees=_sees(spec),
@@ -236,7 +240,7 @@ def _sees(spec: PolicySpec) -> str:
 
 def _training(trained: Trained) -> str:
     made, training = trained.made, trained.made.training
-    config, (dataset, _) = trained.manifest.config.name, trained.run.dataset_on_hub
+    config, (dataset, _) = trained.manifest.config.name, trained.job.options.dataset_on_hub
     asked = made.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
     labyrinths = count(held if asked is None else asked, "labyrinth")

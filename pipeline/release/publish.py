@@ -22,8 +22,7 @@ from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-def
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.hub import limit_silence
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import say, tracked
@@ -33,6 +32,7 @@ from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
 from pipeline.release.files import files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
+from pipeline.release.options import PublishOptions, PublishStageOptions
 from pipeline.release.remote import (
     DATASET,
     ENVIRONMENT,
@@ -48,7 +48,7 @@ from pipeline.release.texts import Release
 from pipeline.release.verify import verified
 
 
-def run(run: Run) -> None:
+def run(job: Job[PublishStageOptions]) -> None:
     """Publish everything that the options of a run name.
 
     Raises:
@@ -60,14 +60,14 @@ def run(run: Run) -> None:
         logging.getLogger(client).setLevel(logging.WARNING)
     limit_silence()
     disable_progress_bars()  # The client has one per file; we show one for all.
-    options, api = run.options.publish, HfApi()
+    options, api = job.options.publish, HfApi()
     first = options.repo_id or options.export or options.env or options.model
     with explained(first):
         unseen = options.dry_run and is_unseen(api, first)
     hub = None if unseen else api
     if id_ := options.repo_id:
         with explained(id_):
-            _dataset(run, Remote(api, id_, DATASET, unseen))
+            _dataset(job, Remote(api, id_, DATASET, unseen))
 
     def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
         """Release the files that `stage` writes into a folder, and print how to load them."""
@@ -79,44 +79,44 @@ def run(run: Run) -> None:
             _release(remote, options, folder, nullcontext(folder), load)
 
     if id_ := options.export:
-        kind = EXPORTS[run.options.export.format]
-        release(id_, kind, lambda folder: stage_export(run, folder, hub), loading(run))
+        kind = EXPORTS[job.options.export.format]
+        release(id_, kind, lambda folder: stage_export(job, folder, hub), loading(job))
     if id_ := options.env:
-        origin, load = published_dataset(run, hub), f'make_env("{id_}", trust_remote_code=True)'
-        release(id_, ENVIRONMENT, lambda folder: stage_environment(run, folder, *origin), load)
+        origin, load = published_dataset(job, hub), f'make_env("{id_}", trust_remote_code=True)'
+        release(id_, ENVIRONMENT, lambda folder: stage_environment(job, folder, *origin), load)
     if id_ := options.model:
         load = f'load_policy("{id_}", revision="{options.version}")'
-        origin = published_dataset(run, hub)
-        release(id_, MODEL, lambda folder: stage_policy(run, folder, *origin), load)
+        origin = published_dataset(job, hub)
+        release(id_, MODEL, lambda folder: stage_policy(job, folder, *origin), load)
 
 
-def _dataset(run: Run, remote: Remote) -> None:
+def _dataset(job: Job[PublishStageOptions], remote: Remote) -> None:
     """Release all finished datasets of a folder with their card, and print how to load them."""
-    manifests = front_matter.finished(run.local_dir)
+    manifests = front_matter.finished(job.local_dir)
     if not manifests:
         reason = "holds no finished dataset: labyrinth-datasets makes one"
-        raise PublishError(f"{run.local_dir} {reason}")
-    options, config = run.options.publish, front_matter.default_config(manifests)
+        raise PublishError(f"{job.local_dir} {reason}")
+    options, config = job.options.publish, front_matter.default_config(manifests)
     load = f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")'
-    _release(remote, options, run.local_dir, _carded(run, remote), load)
+    _release(remote, options, job.local_dir, _carded(job, remote), load)
 
 
 @contextmanager
-def _carded(run: Run, remote: Remote) -> Iterator[Path]:
+def _carded(job: Job[PublishStageOptions], remote: Remote) -> Iterator[Path]:
     """Yield the folder with the card of the release; for a dry run, a temporary copy of it."""
-    options = run.options.publish
+    options = job.options.publish
     release = Release(options.repo_id, options.version, options.export or None)
-    card = partial(write_card, release=release, workers=run.options.workers)
+    card = partial(write_card, release=release, workers=job.options.workers)
     if not options.dry_run:
         # The repository comes before the card is written, as the token may not be allowed to.
-        card(run.local_dir, first=partial(remote.create, private=options.private))
-        yield run.local_dir
+        card(job.local_dir, first=partial(remote.create, private=options.private))
+        yield job.local_dir
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
         # Shards are linked, as they are only read; writing to a link would change its target.
         shutil.copytree(
-            run.local_dir.resolve(),
+            job.local_dir.resolve(),
             folder,
             copy_function=lambda file, copy: (
                 os.symlink if Path(file).suffix == ".parquet" else shutil.copyfile
@@ -127,7 +127,7 @@ def _carded(run: Run, remote: Remote) -> Iterator[Path]:
         try:
             card(folder)
         except DatasetError as error:
-            raise DatasetError(str(error).replace(temporary, str(run.local_dir))) from error
+            raise DatasetError(str(error).replace(temporary, str(job.local_dir))) from error
         yield folder
 
 

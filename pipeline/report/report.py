@@ -18,11 +18,12 @@ from typing import Any
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.report.findings import read_results
+from pipeline.report.options import ReportOptions
 from pipeline.report.packing import PackedSplit, pack
 
 FOLDER = "report"
@@ -47,7 +48,7 @@ SCRIPTS = (
 """The parts of the page's JavaScript, each after the parts that it uses."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[ReportOptions]) -> None:
     """Write the report on the data_dir of a run.
 
     Raises:
@@ -55,9 +56,9 @@ def run(run: Run) -> None:
         OSError: The folder cannot be written.
     """
     run_dir, results_dir = (
-        Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
+        Path(folder).expanduser() for folder in (job.options.run_dir, job.options.results_dir)
     )
-    page = write_report(run.local_dir, run_dir, results_dir, workers=run.options.workers)
+    page = write_report(job.local_dir, run_dir, results_dir, workers=job.options.workers)
     megabytes = page.stat().st_size / 1e6
     say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 

@@ -14,9 +14,11 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
 from pipeline.config.errors import check
-from pipeline.config.run import Run
+from pipeline.config.options import source_of
+from pipeline.config.stage import Job
 from pipeline.config.training import SUBMISSIONS, check_run
 from pipeline.machinery.artifact import Sums
+from pipeline.results.options import ResultsOptions
 from pipeline.results.paper import METHODS, title_of
 
 AUTHOR = "Labyrinth datasets"
@@ -39,13 +41,13 @@ class Available:
         ConfigError: A folder is given with a revision.
     """
 
-    def __init__(self, run: Run) -> None:
-        revision = run.options.revision
+    def __init__(self, job: Job[ResultsOptions]) -> None:
+        revision = job.options.revision
         check(
-            revision is None or not folder_at(run.source).is_dir(),
-            f"revision={revision}: {run.source} is a folder, which has no revisions",
+            revision is None or not folder_at(source_of(job)).is_dir(),
+            f"revision={revision}: {source_of(job)} is a folder, which has no revisions",
         )
-        self._run = run
+        self._job = job
         self._found: dict[str, KnownDataset | None] = {}
         self.missing: dict[str, str] = {}
         """Config -> why it is not available."""
@@ -53,11 +55,13 @@ class Available:
     def __call__(self, config: str) -> KnownDataset | None:
         """Return a config such as `5x5`, or None if it is not available."""
         if config not in self._found:
-            run = self._run
+            job = self._job
             try:
-                if run.options.dataset is None and not (run.data_dir / config / MANIFEST).is_file():
-                    raise DatasetError(f"{run.data_dir / config} holds no dataset")  # Ask no Hub.
-                self._found[config] = KnownDataset.read(run.source, config, run.options.revision)
+                if job.options.dataset is None and not (job.data_dir / config / MANIFEST).is_file():
+                    raise DatasetError(f"{job.data_dir / config} holds no dataset")  # Ask no Hub.
+                self._found[config] = KnownDataset.read(
+                    source_of(job), config, job.options.revision
+                )
             except DatasetError as error:
                 self._found[config] = None
                 self.missing[config] = str(error)

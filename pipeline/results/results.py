@@ -16,13 +16,14 @@ from rich.table import Column, Table
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.results import LEGEND
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.results.entry import Entry, boards, entries_of
 from pipeline.results.kept import Available, comparable, gather, read_all
 from pipeline.results.leaderboard import LEADERBOARD, leaderboard
+from pipeline.results.options import ResultsOptions
 from pipeline.results.paper import title_of
 from pipeline.results.tables import tables
 
@@ -31,7 +32,7 @@ class RefusedError(DatasetError):
     """Some results are inconsistent; the message has one line for each file."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[ResultsOptions]) -> None:
     """Collect the results of runs and of other policies; write the tables and the leaderboard.
 
     Inconsistent files are left out, and named at the end.
@@ -43,9 +44,9 @@ def run(run: Run) -> None:
         RefusedError: Some files are inconsistent; everything else is written.
     """
     run_dir, results_dir = (
-        Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
+        Path(folder).expanduser() for folder in (job.options.run_dir, job.options.results_dir)
     )
-    available = Available(run)
+    available = Available(job)
     copies, refused = gather(run_dir, results_dir, available)
     found, submissions, also_refused = read_all(results_dir, copies, available)
     refused += also_refused
@@ -55,9 +56,9 @@ def run(run: Run) -> None:
             "'stages=[train,evaluate]' makes some"
         )
     configs = {each.config for each in [*found.values(), *submissions]}
-    if run.names_dataset and run.dataset.name not in configs and not refused:
+    if job.names_dataset and job.dataset.name not in configs and not refused:
         raise DatasetError(
-            f"there are no results on {run.dataset.name}: those of {run_dir} and {results_dir} are "
+            f"there are no results on {job.dataset.name}: those of {run_dir} and {results_dir} are "
             f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
     if copies:

@@ -12,7 +12,7 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -22,9 +22,11 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.generation.build import build
+from pipeline.generation.options import BuildOptions
 from pipeline.machinery.dataset import build_versions
+from pipeline.season.options import SeasonStageOptions
 
 PREFIX = b"labyrinth season, seed, version 1\n"
 KIND, FORMAT = "labyrinth-season", 1
@@ -57,9 +59,9 @@ class Place:
     """The folder that is published."""
 
     @classmethod
-    def of(cls, run: Run) -> Place:
+    def of(cls, job: Job[SeasonStageOptions]) -> Place:
         """Return the paths of the season that a run names."""
-        options = run.options.season
+        options = job.options.season
         return cls(Path(options.folder).expanduser() / options.name)
 
     @property
@@ -186,16 +188,16 @@ def seed_of(secret: bytes, config: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def dataset(run: Run, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
+def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
     """Build a dataset in a temporary folder that only this user can read; yield both.
 
     The seed is not printed.
 
     Args:
-        run: The run, whose options set how the dataset is built, such as the number of processes.
+        workers: The number of processes.
         config: The config of the dataset.
     """
     with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.
-        its = replace(run, dataset=config, data_dir=Path(folder))
-        build(its)
-        yield Path(folder), Manifest.read(its.folder)
+        job = Job(BuildOptions(workers=workers), config, Path(folder), folder)
+        build(job)
+        yield Path(folder), Manifest.read(job.folder)

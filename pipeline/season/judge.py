@@ -24,11 +24,12 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
 from labyrinth_core.evaluation.schema import SHARE, Each, Text, check_shape
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.season.commitment import Place, Season, dataset
+from pipeline.season.options import SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
 _ROW = {
@@ -52,7 +53,7 @@ class Judged(NamedTuple):
     """The content of the results file."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[SeasonStageOptions]) -> None:
     """Judge a submission; if it was judged before, check that the results are the same.
 
     Raises:
@@ -61,7 +62,7 @@ def run(run: Run) -> None:
             submission was judged before with other results.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    place, named = Place.of(run), run.options.season.submission
+    place, named = Place.of(job), job.options.season.submission
     try:
         Description(named)  # Checked now, before the policy plays for hours.
     except ValueError as error:
@@ -75,7 +76,7 @@ def run(run: Run) -> None:
         about = {"submission": named, "commit": submission.commit, "files": submission.files}
         before = next((row for row in rows if row | about == row), None)
         config = season.dataset_of(secret)
-        with dataset(run, config) as (data_dir, manifest):
+        with dataset(job.options.workers, config) as (data_dir, manifest):
             season.other_shards(manifest)  # Raises an error if the content differs.
             signed = None if before is None else before["versions"]
             row, _, content = judged(season, submission, data_dir, config, signed)

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import file_sha256
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.season.commitment import Place, Season
 from pipeline.season.judge import read_rows
+from pipeline.season.options import SeasonStageOptions
 
 
-def run(run: Run) -> None:
+def run(job: Job[SeasonStageOptions]) -> None:
     """Publish the private files of a season, and its secret last.
 
     Raises:
         DatasetError: The season does not exist, or results are missing or changed.
     """
-    place = Place.of(run)
+    place = Place.of(job)
     season = Season.read(place)
     secret = season.require_secret(place.secret)
     files = {}

@@ -9,7 +9,8 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import naming, write_text
 from pipeline.config.errors import check
-from pipeline.config.run import CONFIG, Run
+from pipeline.config.stage import CONFIG, Job
+from pipeline.season.options import SeasonStageOptions
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.season.commitment import (
@@ -23,15 +24,15 @@ from pipeline.season.commitment import (
 )
 
 
-def run(run: Run) -> None:
+def run(job: Job[SeasonStageOptions]) -> None:
     """Start a season: write its secret, and publish the commitment.
 
     Raises:
         ConfigError: There are too few labyrinths.
         DatasetError: A season or a secret of this name exists already.
     """
-    place, options = Place.of(run), run.options.season
-    count = run.dataset.labyrinths
+    place, options = Place.of(job), job.options.season
+    count = job.dataset.labyrinths
     check(count >= LEAST, f"labyrinths={count}: give {LEAST} or more, since fewer can be guessed")
     exists = DatasetError(f"{place.public} exists: choose another season.name")
     if place.public.exists():
@@ -43,12 +44,12 @@ def run(run: Run) -> None:
                 raise exists
             _keep(place.secret, secret)
             is_kept = True
-            seed = seed_of(secret, without_seed(run.dataset))
-            with dataset(run, replace(run.dataset, seed=seed)) as (_, manifest):
+            seed = seed_of(secret, without_seed(job.dataset))
+            with dataset(job.options.workers, replace(job.dataset, seed=seed)) as (_, manifest):
                 season = Season.of(options.name, options.date, secret, manifest)
             write_text(made / place.season.name, season.to_text())
-            if run.composed:
-                write_text(made / CONFIG, run.composed)
+            if job.composed:
+                write_text(made / CONFIG, job.composed)
     except BaseException:
         if is_kept and not place.season.exists():
             place.secret.unlink()

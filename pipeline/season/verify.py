@@ -9,31 +9,32 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
-from pipeline.config.run import Run
+from pipeline.config.stage import Job
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.judge import Row, judged, read_rows, shown
+from pipeline.season.options import SeasonStageOptions
 from pipeline.season.submission import fetched, versions
 
 EQUAL = "yes"
 """Shown for a submission whose results are reproduced to the last bit."""
 
 
-def run(run: Run) -> None:
+def run(job: Job[SeasonStageOptions]) -> None:
     """Verify a season from its published files, and print all differences.
 
     Raises:
         DatasetError: The season does not exist, is not revealed, or cannot be confirmed.
     """
-    place = Place.of(run)
+    place = Place.of(job)
     season = Season.read(place)
     if not place.revealed.exists():
         raise DatasetError(f"{place.public} is not revealed: {place.revealed.name} is missing")
     secret = season.require_secret(place.revealed)
     config = season.dataset_of(secret)
-    with dataset(run, config) as (data_dir, manifest):
+    with dataset(job.options.workers, config) as (data_dir, manifest):
         wrong = _other_files(season, season.other_shards(manifest))
         known = KnownDataset.read(str(data_dir), config.name)
         lines = []

@@ -26,8 +26,10 @@ from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import CONFIG, Run
-from pipeline.config.training import PROTOCOLS, TrainingOptions
+from pipeline.config.options import source_of
+from pipeline.config.stage import CONFIG, Job
+from pipeline.training.options import TrainOptions
+from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import each_minute, progress, say
 from pipeline.machinery.dataset import manifest_of
@@ -45,12 +47,12 @@ from pipeline.training.record import (
 )
 
 
-def refuse(run: Run) -> None:
+def refuse(job: Job[TrainOptions]) -> None:
     """Check the method and its settings before any stage starts; raise a ConfigError."""
-    find(run.options.method_name, run.options.method, run.options.protocol)
+    find(job.options.method_name, job.options.method, job.options.protocol)
 
 
-def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
+def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
     """Train the policy of a run, unless it is finished already; continue an interrupted run.
 
     Returns:
@@ -61,11 +63,11 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
-    folder = run.training_folder
+    folder = training_folder(job)
     place = followed(folder)
     working = place.with_name(f".{place.name}.training")
-    method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
-    identity, overwrite = identify(run, settings), run.options.overwrite
+    method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
+    identity, overwrite = identify(job, settings), job.options.overwrite
     rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
@@ -75,17 +77,17 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
                 if overwrite and path.exists() and identity_in(path) != identity:
                     remove(working)
                 if method.protocol:
-                    _tell_changes(run.options, settings)
-                done = _train(run, made, path, identity, checkpoint_seconds)
-                if run.composed:
-                    write_text(made / CONFIG, run.composed)
+                    _tell_changes(job.options, settings)
+                done = _train(job, made, path, identity, checkpoint_seconds)
+                if job.composed:
+                    write_text(made / CONFIG, job.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         say(f"{folder} is complete already.")
         return selected_rate(folder)
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
-        f"{run.run_name.name}: SR {done.best['validation_sr']:.1%} on validation, "
+        f"{run_name(job).name}: SR {done.best['validation_sr']:.1%} on validation, "
         f"{done.best['train_sr']:.1%} on train, after epoch {done.best['epoch']} of {done.epoch}; "
         f"{done.seconds:.0f} s. {folder}"
     )
@@ -93,23 +95,23 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
 
 
 def _train(
-    run: Run, folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
+    job: Job[TrainOptions], folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
 ) -> Progress:
     """Train a policy with its checkpoint at `path`, and write the run's files into `folder`."""
-    options = run.options
+    options = job.options
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
-        torch.manual_seed(options.seed)
-        learner, judge = prepare(run, method, settings, device)
-        require_unchanged(run.source, run.dataset.name, identity["fingerprint"])
+        torch.manual_seed(job.dataset.seed)
+        learner, judge = prepare(job, method, settings, device)
+        require_unchanged(source_of(job), job.dataset.name, identity["fingerprint"])
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
     computed = {"device": device.type, "threads": torch.get_num_threads()}
-    write_record(folder, run.run_name.name, identity, done, computed)
+    write_record(folder, run_name(job).name, identity, done, computed)
     return done
 
 
@@ -127,12 +129,12 @@ def choose_device(options: TrainingOptions) -> torch.device:
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
-def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
+def identify(job: Job[TrainingOptions], settings: BaseSettings) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types.
 
     Of a user's method it has the hash of its module, but not of what that imports.
     """
-    options = run.options
+    options = job.options
     module, of_user, _ = options.method_name.partition(":")
     own = getattr(import_module(module), "__file__", None) if of_user else None
     code = {} if own is None else {"code": f"{Path(own).name} {file_sha256(Path(own)):.12}"}
@@ -142,27 +144,27 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "observation": options.observation,
         "protocol": options.protocol,
         "train_labyrinths": options.train_labyrinths,
-        "seed": options.seed,
+        "seed": job.dataset.seed,
         "settings": asdict(settings),
-        "config": run.dataset.name,
-        "dataset": run.source,
+        "config": job.dataset.name,
+        "dataset": source_of(job),
         "revision": options.revision,
-        "fingerprint": manifest_of(run).fingerprint,
+        "fingerprint": manifest_of(job, job.options.train_labyrinths).fingerprint,
         **code,
     }
 
 
-def loader_of(run: Run, image_size: int = DEFAULT_IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
+def loader_of(job: Job[TrainingOptions], image_size: int = DEFAULT_IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split with the run's observation, or with another one.
 
     The function takes the split and, optionally, the observation. If the run learns from the first
     labyrinths of train only, it loads only these of each split that is derived from train: the
     others have structures that are new to the policy.
     """
-    options = run.options
+    options = job.options
 
     def load(split: str, observation: str = options.observation) -> LabyrinthArrays:
-        place, learnt = (run.source, run.dataset.name, split), options.train_labyrinths
+        place, learnt = (source_of(job), job.dataset.name, split), options.train_labyrinths
         return load_arrays(
             *place,
             observation=observation,
@@ -175,21 +177,21 @@ def loader_of(run: Run, image_size: int = DEFAULT_IMAGE_SIZE) -> Callable[..., L
     return load
 
 
-def spec_of(run: Run) -> NetworkSpec:
+def spec_of(job: Job[TrainingOptions]) -> NetworkSpec:
     """Return the specification of the network of a run's policy."""
-    dataset = run.dataset
-    return NetworkSpec(run.options.network, dataset.height, dataset.width, str(dataset.task))
+    dataset = job.dataset
+    return NetworkSpec(job.options.network, dataset.height, dataset.width, str(dataset.task))
 
 
 def prepare(
-    run: Run, method: type[Learner], settings: BaseSettings, device: torch.device
+    job: Job[TrainingOptions], method: type[Learner], settings: BaseSettings, device: torch.device
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
     """Return a fresh learner, and a function that evaluates a policy on train and validation."""
-    options = run.options
-    spec, source, config = spec_of(run), run.source, run.dataset.name
-    train = loader_of(run)("train")
+    options = job.options
+    spec, source, config = spec_of(job), source_of(job), job.dataset.name
+    train = loader_of(job)("train")
     size = method.image_size(spec, settings, spec.height, spec.width)
-    load = loader_of(run, size)
+    load = loader_of(job, size)
     seen = train if size == DEFAULT_IMAGE_SIZE else load("train")
     splits = {"train": seen, "validation": load("validation")}
     part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
@@ -207,11 +209,11 @@ def prepare(
         demonstrations=load_steps(source, config, "train", train, **part),
         exploration=exploration,
         spec=spec,
-        rng=np.random.default_rng(options.seed),
+        rng=np.random.default_rng(job.dataset.seed),
     )
 
     def judge(policy: Policy) -> dict[str, float]:
-        player = Player.of(method.player(policy, spec, settings), options.seed)
+        player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
         rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
@@ -239,7 +241,7 @@ def _rate(player: Player, arrays: LabyrinthArrays) -> float:
 
 @contextmanager
 def _reporting(
-    options: TrainingOptions, epochs: int, folder: Path
+    options: TrainOptions, epochs: int, folder: Path
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield a function that displays and logs the progress of a run after an epoch."""
     written = 0

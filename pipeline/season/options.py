@@ -1,14 +1,15 @@
-"""The options of the stages `season`, `judge`, `reveal` and `verify`."""
+"""The stages `season`, `judge`, `reveal` and `verify`, and their options."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.errors import check
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
-
-SEASON_STAGES = ("season", "judge", "reveal", "verify")
+from pipeline.config.options import ExecutorOptions
+from pipeline.config.stage import Job, Stage
 
 
 @dataclass(frozen=True)
@@ -37,8 +38,15 @@ class SeasonOptions:
     )
 
 
-def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: str) -> None:
-    """Raise a ConfigError if an option is invalid, or missing for one of the stages."""
+@dataclass(frozen=True)
+class SeasonStageOptions(ExecutorOptions):
+    """Which season is meant, and how its dataset is built."""
+
+    season: SeasonOptions = field(default_factory=SeasonOptions)
+
+
+def _check(job: Job[SeasonStageOptions], stages: Sequence[str]) -> None:
+    options = job.options.season
     check_options(options, SeasonOptions, "season.")
     check(
         "season" not in stages or is_day(options.date),
@@ -48,8 +56,20 @@ def check_season(options: SeasonOptions, stages: set[str], seed: int, executor: 
         "judge" not in stages or bool(options.submission),
         "season.submission=: give the policy to judge, such as user/model@1.0.0",
     )
+    seed, executor = job.dataset.seed, job.options.executor
     check(seed == 0, f"seed={seed}: a season makes its seed from its secret: give no seed")
     check(
         executor == "local",
         f"executor={executor}: a season stays on one machine, so give executor=local",
     )
+
+
+STAGES = {
+    name: Stage(
+        f"pipeline.season.{name}",
+        SeasonStageOptions,
+        _check,
+        headings={"Seasons, by stages=season, judge, reveal and verify": SeasonStageOptions},
+    )
+    for name in ("season", "judge", "reveal", "verify")
+}

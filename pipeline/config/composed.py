@@ -1,0 +1,188 @@
+"""The options of a command line, and the jobs that its stages are given.
+
+Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pipeline trusts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from copy import copy
+from dataclasses import dataclass, fields, make_dataclass
+from pathlib import Path
+from typing import Any, TypeVar, get_type_hints
+
+from omegaconf import DictConfig, OmegaConf
+
+from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import folder_at
+from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.config.errors import ConfigError, check, literal
+from pipeline.config.method import chosen_method
+from pipeline.config.option import check_options, declared, default_of, frozen, option
+from pipeline.config.options import DataFolderOption, ExecutorOptions, OverwriteOption, as_named
+from pipeline.config.stage import Job
+from pipeline.stages import STAGES
+
+Options = TypeVar("Options")
+
+
+@dataclass(frozen=True)
+class CommandOptions(ExecutorOptions, OverwriteOption, DataFolderOption):
+    """What all stages share: where datasets are, and how work is done."""
+
+    stages: tuple[str, ...] = option(
+        ("build", "validate", "analyse", "card"),
+        "stages to run, in order: " + ", ".join(STAGES),
+        one_of=STAGES,
+    )
+
+
+def _headings() -> dict[str, type]:
+    """Return the headings of `--help`, and the class that declares the options below each."""
+    own: dict[str, type] = {"Dataset": DatasetOptions, "Where and how": CommandOptions}
+    for stage in STAGES.values():
+        own |= stage.headings
+    return own
+
+
+def _merged(classes: Iterable[type]) -> type:
+    """Return a dataclass with the options of several."""
+    made: dict[str, tuple[str, Any, Any]] = {}
+    for cls in classes:
+        kinds = get_type_hints(cls)
+        made |= {each.name: (each.name, kinds[each.name], copy(each)) for each in fields(cls)}
+    return make_dataclass("AllOptions", made.values(), frozen=True)
+
+
+ALL = _merged([DatasetOptions, CommandOptions, *(stage.options for stage in STAGES.values())])
+"""All options, as they are given on a command line."""
+
+_LISTED: set[str] = set()
+
+SECTIONS = {
+    heading: {
+        name: each.metadata["meaning"]
+        for name, each, _ in declared(cls)
+        if not (name in _LISTED or _LISTED.add(name))  # type: ignore[func-returns-value]
+    }
+    for heading, cls in _headings().items()
+}
+"""What each option means, in the order of `--help`, under its headings."""
+
+OPTIONS = {name: meaning for section in SECTIONS.values() for name, meaning in section.items()}
+"""What each option means, as `--help` and docs/options.md say it."""
+
+DEFAULTS = {name: default_of(each) for name, each, _ in declared(ALL)}
+"""The default of each option as it is typed; empty for an option without one."""
+
+KINDS = {name: kind for name, _, kind in declared(ALL)}
+"""The declared type of each option."""
+
+
+SHARED = {each.name for cls in (DatasetOptions, CommandOptions) for each in fields(cls)} - {
+    "stages"
+}
+"""The options that any stage may use."""
+
+
+def part_of(options: Any, cls: type[Options]) -> Options:
+    """Return the options that a class declares, from an object with at least these."""
+    return cls(**{each.name: getattr(options, each.name) for each in fields(cls)})  # type: ignore[arg-type]
+
+
+def unused(names: Iterable[str], stages: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the options that none of the stages uses, each with the stages that do.
+
+    Args:
+        names: The names of the options that a command line gives.
+        stages: The stages that it requests.
+    """
+    users: dict[str, tuple[str, ...]] = {}
+    for name in names:
+        first = name.partition(".")[0]
+        users[name] = tuple(
+            stage
+            for stage, declaration in STAGES.items()
+            if first not in SHARED
+            and any(each.name == first for each in fields(declaration.options))
+        )
+    requested = {*stages}
+    return {name: those for name, those in users.items() if those and not requested & {*those}}
+
+
+def names_in(overrides: Iterable[str]) -> list[str]:
+    """Return the names of the options in overrides such as `+publish.version=1.0.0`."""
+    return [each.lstrip("+~").partition("=")[0] for each in overrides]
+
+
+def options_of(config: DictConfig, overrides: Iterable[str] = ()) -> Any:
+    """Return the options that Hydra composed, an instance of `ALL`.
+
+    Args:
+        config: The configuration.
+        overrides: The overrides of the command line.
+
+    Raises:
+        ConfigError: An option that does not exist was added as `+name=value`, or is a setting that
+            the method does not have.
+        OmegaConfBaseException: A value has the wrong type, or refers to a missing value.
+    """
+    values: Any = OmegaConf.to_container(config, resolve=True)
+    method = values.get("method")
+    check(isinstance(method, dict), f"method={method}: give one name, such as method=bc")
+    return frozen(ALL, values | {"method": chosen_method(method, names_in(overrides))})
+
+
+def as_file(config: DictConfig) -> str:
+    """Return the content of a file from which Hydra composes the same options again."""
+
+    def plain(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: plain(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [plain(each) for each in value]
+        return literal(value) if isinstance(value, str) else value
+
+    values: Any = plain(OmegaConf.to_container(config, resolve=True))
+    again = (
+        "# To use these options again: labyrinth-datasets --config-dir FOLDER --config-name config"
+    )
+    return f"{again}\ndefaults: [base, _self_]\n{OmegaConf.to_yaml(OmegaConf.create(values))}"
+
+
+def resolve(
+    options: Any, *, names_dataset: bool = False, composed: str = ""
+) -> Mapping[str, Job[Any]]:
+    """Check the options of a command line, and return the job of each stage that it requests.
+
+    Args:
+        options: An instance of `ALL`.
+        names_dataset: As for `Job`.
+        composed: As for `Job`.
+
+    Raises:
+        ConfigError: A value is invalid; the message says what was given and what is allowed.
+    """
+    check_options(options, CommandOptions)
+    check(
+        options.executor_address is None or options.executor != "local",
+        f"executor_address={options.executor_address}: executor=local has no address",
+    )
+    try:
+        data_dir, typed_dir = folder_at(options.data_dir), as_named(options.data_dir)
+    except ValueError as error:
+        raise ConfigError(f"data_dir={error}") from error
+    check(
+        not isinstance(data_dir, Path) or not (data_dir / MANIFEST).is_file(),
+        f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
+    )
+    if isinstance(data_dir, Path) and options.executor != "local":
+        data_dir = data_dir.absolute()  # A cluster's workers may have another working directory.
+    dataset = dataset_config(options)
+    jobs = {}
+    for name in options.stages:
+        own: Any = part_of(options, STAGES[name].options)
+        jobs[name] = Job(own, dataset, data_dir, typed_dir, names_dataset, composed)
+        STAGES[name].check(jobs[name], options.stages)
+    alone = {name: job for name, job in jobs.items() if STAGES[name].runs_alone(job.options)}
+    return alone or jobs

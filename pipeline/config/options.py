@@ -1,0 +1,95 @@
+"""The options that several stages use; a stage's own are in the `options.py` of its wing."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from labyrinth_core.data.storage import folder_at
+from pipeline.config.option import FOLDER, LOCAL_FOLDER, option
+from pipeline.config.stage import Job
+
+
+@dataclass(frozen=True)
+class NoOptions:
+    """The options of a stage that has none."""
+
+
+@dataclass(frozen=True)
+class WorkersOption:
+    """How many processes work."""
+
+    workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
+
+
+@dataclass(frozen=True)
+class OverwriteOption:
+    """Whether what was made with other options is replaced."""
+
+    overwrite: bool = option(
+        False, "replace a finished dataset, run or export that was made with other options"
+    )
+
+
+@dataclass(frozen=True)
+class ExecutorOptions(WorkersOption):
+    """Where processes run."""
+
+    executor: str = option(
+        "local", "where processes run: local (this machine) or dask", one_of=("local", "dask")
+    )
+    executor_address: str | None = option(
+        None, "address of a running Dask cluster; without it, one is started for the run"
+    )
+
+
+@dataclass(frozen=True)
+class SourceOptions:
+    """Another dataset than the one in `data_dir`."""
+
+    dataset: str | None = option(
+        None,
+        "dataset to use instead of data_dir: an id on the Hub, such as user/labyrinth, or a folder",
+    )
+    revision: str | None = option(None, "branch, tag or commit of the dataset on the Hub")
+
+
+@dataclass(frozen=True)
+class RunFolderOption:
+    """Where trained policies are."""
+
+    run_dir: str = option(
+        "runs", "folder of trained policies; each size and task has a subfolder", like=LOCAL_FOLDER
+    )
+
+
+@dataclass(frozen=True)
+class ResultsFolderOption:
+    """Where the tables of results are."""
+
+    results_dir: str = option(
+        "results",
+        "folder of the evaluations, and of the tables made from them",
+        like=LOCAL_FOLDER,
+    )
+
+
+@dataclass(frozen=True)
+class DataFolderOption:
+    """Where datasets are."""
+
+    data_dir: str = option(
+        "data/labyrinth",
+        "folder of datasets, or a URL such as s3://bucket/name; each size and task has a subfolder",
+        like=FOLDER,
+    )
+
+
+def source_of(job: Job[SourceOptions]) -> str:
+    """Return the dataset that a stage reads, as results name it: a folder, or an id on the Hub."""
+    return job.typed_dir if job.options.dataset is None else job.options.dataset
+
+
+def as_named(data_dir: str) -> str:
+    """Return a `data_dir` as results and records name it; raise ValueError if it is no folder."""
+    return str(Path(data_dir) if data_dir.startswith("~") else folder_at(data_dir))

@@ -1,0 +1,86 @@
+"""What a stage is, and what it is given.
+
+A wing of the program is a folder with `options.py`, which declares its stages, and their modules.
+`pipeline.stages` names the wings; no other module does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.storage import AnyPath, RemotePath
+from pipeline.config.errors import ConfigError, as_typed
+
+Options = TypeVar("Options", covariant=True)
+
+
+@dataclass(frozen=True)
+class Job(Generic[Options]):
+    """What a stage is given: its own options, and the dataset that the command line describes."""
+
+    options: Options
+    dataset: DatasetConfig
+    data_dir: AnyPath
+    """The folder of datasets; absolute if a cluster's workers use it."""
+    typed_dir: str
+    """`data_dir` as results and records name it: as typed, so that a home folder stays `~`."""
+    names_dataset: bool = False
+    """Whether the command line gives `size` or `task`, so that the dataset has to exist."""
+    composed: str = ""
+    """All options of the command line, as the content of `CONFIG`; empty without a command line."""
+
+    @property
+    def folder(self) -> AnyPath:
+        """The folder of the dataset."""
+        return self.data_dir / self.dataset.name
+
+    @property
+    def local_dir(self) -> Path:
+        """The data_dir as a local folder; raises a ConfigError if it is in an object store."""
+        if isinstance(self.data_dir, RemotePath):
+            raise ConfigError(f"data_dir={self.data_dir}: report and publish need a local folder")
+        return self.data_dir
+
+    def require_dataset(self) -> None:
+        """Raise a DatasetError if the dataset does not exist; the message says how to make it."""
+        if not (self.folder / MANIFEST).is_file():
+            size = f"size={self.dataset.height}x{self.dataset.width} task={self.dataset.task}"
+            command = f"labyrinth-datasets {size} {as_typed('data_dir', str(self.data_dir))}"
+            raise DatasetError(f"{self.folder} holds no dataset: {command} makes it")
+
+
+CONFIG = "config.yaml"
+"""The file beside what a stage made, with the options that it was made with."""
+
+
+def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:
+    """Accept any options."""
+
+
+def _no_step(_job: Job[Any], _stages: Sequence[str]) -> tuple[str, ...]:
+    return ()
+
+
+@dataclass(frozen=True)
+class Stage:
+    """The declaration of a stage."""
+
+    module: str
+    """The module with `run(job)`, and perhaps `refuse(job)`, called before any stage runs."""
+    options: type
+    """The dataclass of the options that the stage is given; see `pipeline.config.option`."""
+    check: Callable[[Job[Any], Sequence[str]], None] = _accept
+    """Raises a ConfigError if an option is invalid, or does not fit the requested stages."""
+    headings: Mapping[str, type] = field(default_factory=dict)
+    """Heading in `--help` -> the class that declares the options below it."""
+    next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = _no_step
+    """Returns what to suggest if the stage ran last, given all stages: the options of the next
+    command and its purpose; or a line as it is; or nothing."""
+    runs_alone: Callable[[Any], bool] = lambda _options: False
+    """Returns whether no later stage can run after one with these options."""

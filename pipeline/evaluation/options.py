@@ -1,0 +1,126 @@
+"""The stage `evaluate`, and its options."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
+
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from pipeline.config.errors import check
+from pipeline.config.option import check_options, option
+from pipeline.config.options import OverwriteOption
+from pipeline.config.stage import Job, Stage
+from pipeline.config.training import TrainingOptions, check_training
+
+COMPARE = "stages=results", "compare it with others"
+"""What to do after an evaluation, and why."""
+
+
+@dataclass(frozen=True)
+class EvaluationOptions:
+    """How the policy that `policy` names is evaluated, and how its results describe it."""
+
+    image_size: int | None = option(
+        None,
+        "pixels on each side of the pictures (the policy's own size, or 64)",
+        at_least=1,
+        at_most=PICTURE_SIZE,
+    )
+    episodes: int | None = option(
+        None,
+        "episodes per labyrinth, for a policy that samples its actions",
+        at_least=1,
+        at_most=MOST_EPISODES,
+    )
+    splits: tuple[str, ...] = option(
+        (), "splits to evaluate policy on, one or a list (all but random)", one_of=SPLITS
+    )
+    gifs: int = option(
+        0,
+        "number of GIFs that show the policy beside the solver in labyrinths of test, failures "
+        "first",
+        at_least=0,
+        at_most=1_000,
+    )
+    name: str = option("", "name of the policy in tables (the last part of policy)")
+    author: str = option("", "author of the policy")
+    url: str = option(
+        "",
+        "page that describes the policy",
+        like=(r"(https?://\S+)?", "an address such as https://example.org"),
+    )
+    date: str = option(
+        "", "date of the evaluation, such as 2026-11-30; not filled in automatically"
+    )
+    budget: str = option("", "training data of the policy, such as '100 demonstrations of train'")
+    train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
+    train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
+    parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
+
+
+@dataclass(frozen=True)
+class EvaluateOptions(TrainingOptions, OverwriteOption):
+    """The policy that is evaluated: that of a training run, or any other."""
+
+    policy: str = option(
+        "",
+        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
+        "Hub such as user/planner-5x5@1.0.0",
+        like=(
+            r"([\w.]+:[\w.]+|(?!.*\.zip$)[^@:\x00-\x1f]+(@[\w./-]+)?)?",
+            "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
+            "@ and a revision if it is not main",
+        ),
+    )
+    evaluate_on: str = option(
+        "",
+        "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
+        "user/name/4x6 on the Hub",
+        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
+    )
+    evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
+
+
+def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
+    options = job.options
+    if not options.policy:
+        check_training(options)
+        check_options(options, EvaluateOptions)
+        check_unnamed(options.evaluation)
+        return
+    check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
+    check_options(options, EvaluateOptions)
+    check(
+        not options.evaluate_on,
+        f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
+    )
+    check_options(options.evaluation, EvaluationOptions, "evaluation.")
+
+
+def check_unnamed(evaluation: EvaluationOptions) -> None:
+    """Raise a ConfigError if an option that only `policy` has is given without it."""
+    check_options(evaluation, EvaluationOptions, "evaluation.")
+    for each in fields(evaluation):
+        value = getattr(evaluation, each.name)
+        check(
+            value == each.default or each.name == "gifs",
+            f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
+            "name, on all splits",
+        )
+
+
+def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, ...]:  # noqa: ARG001
+    return () if job.options.evaluate_on else COMPARE
+
+
+STAGES = {
+    "evaluate": Stage(
+        "pipeline.evaluation.evaluate",
+        EvaluateOptions,
+        _check,
+        headings={"Evaluation, by stages=evaluate": EvaluateOptions},
+        next_step=_next_step,
+    )
+}

@@ -1,0 +1,35 @@
+"""The stage `train`, and its options.
+
+This module does not import torch, so that `labyrinth-datasets --help` stays quick.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pipeline.config.option import option
+from pipeline.config.options import OverwriteOption
+from pipeline.config.stage import Job, Stage
+from pipeline.config.training import TrainingOptions, check_training
+
+
+@dataclass(frozen=True)
+class TrainOptions(TrainingOptions, OverwriteOption):
+    """What is trained, and what is logged."""
+
+    tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
+
+
+def _check(job: Job[TrainOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
+    check_training(job.options)
+
+
+STAGES = {
+    "train": Stage(
+        "pipeline.training.train",
+        TrainOptions,
+        _check,
+        headings={"Training, by 'stages=[train,evaluate]'": TrainOptions},
+    )
+}
