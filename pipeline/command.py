@@ -31,9 +31,9 @@ from pipeline.config.command_line import (
     shown,
     shows_job,
 )
+from pipeline.config.composed import as_file, names_in, options_of, resolve, unused
 from pipeline.config.errors import ConfigError
 from pipeline.config.method import CONF
-from pipeline.config.composed import as_file, names_in, options_of, resolve, unused
 from pipeline.config.stages import STAGES
 from pipeline.config.texts import as_given, overrides_of
 from pipeline.machinery.console import say, say_once

@@ -30,7 +30,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.config.run import RunConfig, resolve
+from pipeline.config.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.generation.shard import Pictures
 
@@ -81,7 +81,7 @@ def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
         redirect_stdout(nowhere),
         redirect_stderr(nowhere),
     ):
-        options = RunConfig(
+        options = ALL(
             stages=["build"],
             size=size,
             labyrinths=labyrinths,
@@ -89,7 +89,7 @@ def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
             goals=goals,
             data_dir=folder,
         )
-        run = resolve(options)
+        run = resolve(options)["build"]
         seconds = cpu_seconds(lambda: build.run(run))
         return sum(shard.rows for shard in Manifest.read(run.folder).shards) / seconds
 

@@ -31,7 +31,8 @@ from measuring import machine
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.composed import ALL, resolve
+from pipeline.config.stage import Job
 from pipeline.generation import build
 from pipeline.generation.shard import ShardJob, leave, left
 from pipeline.release.figures import INK, LINE, MUTED, Sheet
@@ -124,9 +125,9 @@ def measure(size: int, folder: Path) -> Measured:
     of_shard = build.CELLS_PER_SHARD // size**2
     make_shard, draw_chunk = build.make_shard, build.draw_chunk
 
-    def run_of(name: str, labyrinths: int, **options: Any) -> Run:
+    def run_of(name: str, labyrinths: int, **options: Any) -> Job[Any]:
         where = {"data_dir": str(folder / name), "size": str(size), "labyrinths": labyrinths}
-        return resolve(RunConfig(stages=("build",), random_steps=10, **where | options))
+        return resolve(ALL(stages=("build",), random_steps=10, **where | options))["build"]
 
     # Built as a part, which leaves its shards and their facts in the building folder.
     one = run_of("one", of_shard // QUARTER, part="1/1")
@@ -166,14 +167,14 @@ def twice_as_fast(size: int, folder: Path) -> float:
         begun = time.process_time()
         build.run(
             resolve(
-                RunConfig(
+                ALL(
                     stages=("build",),
                     data_dir=str(place / "data"),
                     size=str(size),
                     labyrinths=2 * build.CELLS_PER_SHARD // size**2,
                     workers=workers,
                 )
-            )
+            )["build"]
         )
         times.append(time.process_time() - begun)
         if workers > 1:

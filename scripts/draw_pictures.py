@@ -19,7 +19,7 @@ from labyrinth_core.world.labyrinth import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
-from pipeline.config.run import RunConfig, resolve
+from pipeline.config.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.report import report
 
@@ -50,11 +50,11 @@ def draw_tasks() -> None:
 def draw_report() -> None:
     """Take a screenshot of the gallery of a report with an episode open, in Chromium."""
     with tempfile.TemporaryDirectory() as folder, sync_playwright() as playwright:
-        options = {"stages": ["report"], "labyrinths": 30, "data_dir": folder}
+        options = {"stages": ["build", "report"], "labyrinths": 30, "data_dir": folder}
         for task in (Task.NAVIGATION, Task.KEY_AND_DOOR):
-            run = resolve(RunConfig(**options, task=str(task)))
-            build.run(run)
-        report.run(run)
+            jobs = resolve(ALL(**options, task=str(task)))
+            build.run(jobs["build"])
+        report.run(jobs["report"])
         browser = playwright.chromium.launch(executable_path=shutil.which("chromium"))
         page = browser.new_page(viewport={"width": 1280, "height": 800})
         page.goto((Path(folder) / report.FOLDER / report.PAGE).as_uri())

@@ -43,7 +43,8 @@ from typing import Any, NamedTuple
 import joblib  # noqa: F401  Imported before forking, so that each build starts at once.
 import pyarrow.parquet  # noqa: F401
 
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.composed import ALL, resolve
+from pipeline.config.stage import Job
 from pipeline.generation import build
 from pipeline.machinery.executor import cluster
 
@@ -89,7 +90,7 @@ class Found:
 
 
 @contextmanager
-def started(run: Run, left: list[str]) -> Iterator[int]:
+def started(run: Job[Any], left: list[str]) -> Iterator[int]:
     """Build in a new process group, yield the id of its first process, and end the group.
 
     Processes and shared memory that the build leaves behind are added to `left`.
@@ -109,7 +110,7 @@ def started(run: Run, left: list[str]) -> Iterator[int]:
         left.extend(what_is_left(process))
 
 
-def perform(run: Run) -> None:
+def perform(run: Job[Any]) -> None:
     """Build in a forked process, and exit."""
     status = 1
     try:
@@ -130,7 +131,7 @@ def perform(run: Run) -> None:
         os._exit(status)
 
 
-def log_of(run: Run) -> Path:
+def log_of(run: Job[Any]) -> Path:
     """Return the log file of a build."""
     return Path(f"{run.data_dir}{run.options.part.replace('/', '-of-')}.log")
 
@@ -156,7 +157,7 @@ def clear_memory(process: int) -> list[str]:
     return [path.name for path in found]
 
 
-def finish(run: Run, left: list[str]) -> None:
+def finish(run: Job[Any], left: list[str]) -> None:
     """Build to the end."""
     with started(run, left) as process:
         ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
@@ -174,12 +175,12 @@ def hashes(folder: Path) -> dict[str, str]:
         return hashes(folder)
 
 
-def finished_shards(run: Run) -> int:
+def finished_shards(run: Job[Any]) -> int:
     """Return the number of finished shards in the folder of a build."""
     return len(list(run.data_dir.glob(".*.building/*.shard")))
 
 
-def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:
+def build_undisturbed(run: Job[Any], left: list[str]) -> Undisturbed:
     """Build twice without a kill: once for the files, once for the timing."""
     finish(run, left)
     files = hashes(run.data_dir)
@@ -196,7 +197,7 @@ def build_undisturbed(run: Run, left: list[str]) -> Undisturbed:
         return Undisturbed(files, [*times, time.monotonic() - began])
 
 
-def phase(run: Run, undisturbed: Undisturbed) -> str:
+def phase(run: Job[Any], undisturbed: Undisturbed) -> str:
     """Return the phase in which a build was killed."""
     there = hashes(run.data_dir)
     manifest = f"{run.folder.name}/manifest.json"
@@ -208,7 +209,7 @@ def phase(run: Run, undisturbed: Undisturbed) -> str:
     return PHASES[-2] if shards == ALL_SHARDS else PHASES[(shards + 9) // 10]
 
 
-def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None:
+def kill(run: Job[Any], process: int, times: list[float], rng: random.Random) -> None:
     """Kill a build at a random moment between two of its events, unless it has ended before."""
     weights = [ALL_SHARDS / 2, *[1.0] * (ALL_SHARDS - 1), ALL_SHARDS / 2]
     (shards,) = rng.choices(range(ALL_SHARDS + 1), weights)
@@ -224,7 +225,7 @@ def kill(run: Run, process: int, times: list[float], rng: random.Random) -> None
         clear_memory(process)
 
 
-def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: Found) -> None:
+def kill_parts(run: Job[Any], parts: int, longest: float, rng: random.Random, found: Found) -> None:
     """Build all parts at the same time, and kill and restart them until all are finished.
 
     Args:
@@ -245,7 +246,7 @@ def kill_parts(run: Run, parts: int, longest: float, rng: random.Random, found: 
     finish(run, found.left)
 
 
-def count(run: Run, process: int, left: list[str], found: Found) -> None:
+def count(run: Job[Any], process: int, left: list[str], found: Found) -> None:
     """Remove a part from `left` if its process has ended; else count a kill."""
     ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT | os.WNOHANG)
     if ended is None:
@@ -260,10 +261,10 @@ def count(run: Run, process: int, left: list[str], found: Found) -> None:
 def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
     """Kill builds until the requested number of kills came before the end of a build."""
 
-    def run_in(name: str, workers: int, **options: Any) -> Run:
+    def run_in(name: str, workers: int, **options: Any) -> Job[Any]:
         fixed = {"stages": ["build"], "size": "4", "labyrinths": LABYRINTHS, "workers": workers}
         where = {"data_dir": str(folder / name), "executor": given.executor}
-        return resolve(RunConfig(**fixed | where | options))
+        return resolve(ALL(**fixed | where | options))["build"]
 
     other = run_in("other", 1, executor="local", labyrinths=2)
     finish(other, found.left)

@@ -39,8 +39,8 @@ from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
 from pipeline.config.command_line import HYDRA, parsed, register
+from pipeline.config.composed import options_of, resolve
 from pipeline.config.method import CONF
-from pipeline.config.run import options_of, resolve
 from pipeline.config.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]

@@ -16,12 +16,11 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from pipeline.config.composed import ALL, DEFAULTS, OPTIONS, SECTIONS
 from pipeline.config.dataset import DatasetOptions
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import declared
-from pipeline.config.run import DEFAULTS, OPTIONS, PlaceOptions
-from pipeline.config.training import TrainingOptions
 from pipeline.training.methods.method import find
 
 ROOT = Path(__file__).parents[1]
@@ -37,12 +36,6 @@ defaults:
   - export: null
   - _self_
 """
-
-HEADINGS = {
-    "The content of the dataset": DatasetOptions,
-    "Where and how it is made": PlaceOptions,
-    "Training and evaluation": TrainingOptions,
-}
 
 
 def value_of(default: Any) -> str:
@@ -73,11 +66,17 @@ def lines_of(options: Iterable[tuple[str, Field[Any], Any]]) -> Iterator[str]:
 
 
 def config() -> str:
-    """Return the text of `conf/config.yaml`."""
+    """Return the text of `conf/config.yaml`: all options but the method and those of groups.
+
+    The groups of a dataset's options, such as `buckets`, are shown too.
+    """
+    of_dataset = {name for name, _, _ in declared(DatasetOptions)}
+    options = {each[0]: each for each in declared(ALL)}
     text = CONFIG
-    for heading, cls in HEADINGS.items():
-        options = [each for each in declared(cls) if each[0] != "method"]
-        text += f"\n# {heading}\n\n" + "\n".join(lines_of(options)) + "\n"
+    for heading, names in SECTIONS.items():
+        shown = [name for name in names if name in of_dataset or "." not in name]
+        lines = list(lines_of(options[name] for name in shown if name != "method"))
+        text += f"\n# {heading}\n\n" + "\n".join(lines) + "\n" if lines else ""
     return text
 
 

@@ -14,10 +14,9 @@ from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
-from making import build_dataset, run_of
+from making import Run, build_dataset, run_of
 
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.run import Run
 
 settings.register_profile(
     "house",

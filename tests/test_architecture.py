@@ -25,7 +25,6 @@ WING = (
     "pipeline.config",
     "pipeline.machinery",
     "pipeline.inspection",
-    "pipeline.stages",
 )
 
 
@@ -373,8 +372,8 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/world/solver", "from labyrinth_core.language import text"),
         ("labyrinth_core/world/solver", "from ... import pipeline"),
         ("labyrinth_core/world/solver", "import scripts.benchmark"),
-        ("pipeline/config/run", "from pipeline import generation"),
-        ("pipeline/config/run", "from ..machinery import executor"),
+        ("pipeline/config/composed", "from pipeline import generation"),
+        ("pipeline/config/composed", "from ..machinery import executor"),
         ("pipeline/release/card", "from pipeline.generation.build import build"),
         ("run", "from pipeline.config import run"),
         # The library's door, and its window.

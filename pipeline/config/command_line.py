@@ -23,7 +23,7 @@ from pipeline.config.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
 from pipeline.config.method import CONF, METHODS, usual_settings
 from pipeline.config.option import schema
-from pipeline.stages import STAGES
+from pipeline.config.stages import STAGES
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
 """The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""

@@ -19,9 +19,17 @@ from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, literal
 from pipeline.config.method import chosen_method
 from pipeline.config.option import check_options, declared, default_of, frozen, option
-from pipeline.config.options import DataFolderOption, ExecutorOptions, OverwriteOption, as_named
+from pipeline.config.options import (
+    DataFolderOption,
+    ExecutorOptions,
+    OverwriteOption,
+    ResultsFolderOption,
+    RunFolderOption,
+    as_named,
+)
 from pipeline.config.stage import Job
-from pipeline.stages import STAGES
+from pipeline.config.stages import STAGES
+from pipeline.config.training import TrainingOptions
 
 Options = TypeVar("Options")
 
@@ -37,9 +45,18 @@ class CommandOptions(ExecutorOptions, OverwriteOption, DataFolderOption):
     )
 
 
+@dataclass(frozen=True)
+class _Folders(CommandOptions, ResultsFolderOption, RunFolderOption):
+    """The options below the second heading of `--help`."""
+
+
 def _headings() -> dict[str, type]:
     """Return the headings of `--help`, and the class that declares the options below each."""
-    own: dict[str, type] = {"Dataset": DatasetOptions, "Where and how": CommandOptions}
+    own: dict[str, type] = {
+        "Dataset": DatasetOptions,
+        "Where and how": _Folders,
+        "Training, by 'stages=[train,evaluate]'": TrainingOptions,
+    }
     for stage in STAGES.values():
         own |= stage.headings
     return own
@@ -182,6 +199,7 @@ def resolve(
     jobs = {}
     for name in options.stages:
         own: Any = part_of(options, STAGES[name].options)
+        check_options(own, STAGES[name].options)
         jobs[name] = Job(own, dataset, data_dir, typed_dir, names_dataset, composed)
         STAGES[name].check(jobs[name], options.stages)
     alone = {name: job for name, job in jobs.items() if STAGES[name].runs_alone(job.options)}

@@ -10,6 +10,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from math import inf
 from pathlib import Path
 from typing import Any
@@ -117,9 +118,17 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         return self.method_title if own else self.encoder
 
 
+NEEDS = ("matplotlib", "safetensors", "torch")
+"""The libraries of the extra `train`."""
+
+
 def check_training(options: TrainingOptions) -> None:
-    """Raise a ConfigError if an option for training is invalid."""
+    """Raise a ConfigError if an option for training is invalid, or a library is missing."""
+    missing = [name for name in NEEDS if find_spec(name) is None]
+    install = "pip install 'labyrinth-datasets[train]'"
+    check(not missing, f"training needs {', '.join(missing)}: {install}")
     name, seen = options.method_name, options.observation
+    check_method(options)
     check_options(options, TrainingOptions)
     check(seen != "text", "observation=text is only for policy=...: give image or vector")
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]

@@ -87,11 +87,9 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
     options = job.options
     if not options.policy:
         check_training(options)
-        check_options(options, EvaluateOptions)
         check_unnamed(options.evaluation)
         return
     check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
-    check_options(options, EvaluateOptions)
     check(
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",

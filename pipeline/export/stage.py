@@ -46,7 +46,9 @@ def run(job: Job[ExportStageOptions]) -> None:
         _export(split, root / split.id, write, job)
 
 
-def _export(split: Split, target: Path, write: Callable[[Split, Path], None], job: Job[ExportStageOptions]) -> None:
+def _export(
+    split: Split, target: Path, write: Callable[[Split, Path], None], job: Job[ExportStageOptions]
+) -> None:
     """Export a split to a folder, unless the export is there already."""
     overwrite = job.options.overwrite
     try:

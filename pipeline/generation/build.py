@@ -18,6 +18,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -61,9 +62,6 @@ from pipeline.machinery.markdown import count
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
-
-REFERS = "runs and results made from it would refer to a dataset that is gone"
-"""Why a dataset is not replaced without a word."""
 
 Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
 """The function `plan`, of which only the argument `shorter` is open."""
@@ -160,7 +158,7 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
     if differing and can_grow and not job.options.grow:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
-            f"another data_dir; {REFERS}"
+            f"another data_dir{_what_refers_to(manifest, job)}"
         )
     if differing and same and not more and job.options.grow:
         shifts = ",".join(shift for shift in SHIFTS if shift in {*there.shifts, *asked.shifts})
@@ -174,6 +172,17 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
             "choose another data_dir, or give overwrite=true to replace it"
         )
     return manifest
+
+
+def _what_refers_to(manifest: Manifest, job: Job[BuildOptions]) -> str:
+    """Return a clause that names runs and results of a dataset, found by its fingerprint."""
+    folders = Path(job.options.run_dir) / manifest.config.name, Path(job.options.results_dir)
+    files = chain.from_iterable(folder.expanduser().rglob("*.json") for folder in folders)
+    mark = manifest.fingerprint.encode()
+    found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
+    more = f" and {len(found) - 2} more" if len(found) > 2 else ""
+    refers = f"{', '.join(sorted(found)[:2])}{more} would refer to a dataset that is gone"
+    return f"; {refers}" if found else ""
 
 
 def _mend(job: Job[BuildOptions], workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:

@@ -6,17 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.config.errors import check
-from pipeline.config.option import check_options, option
-from pipeline.config.options import OverwriteOption, WorkersOption
+from pipeline.config.option import option
+from pipeline.config.options import (
+    OverwriteOption,
+    ResultsFolderOption,
+    RunFolderOption,
+    WorkersOption,
+)
 from pipeline.config.stage import Job, Stage
 
-DESCRIBE = "stages=[validate,analyse,card]", "check every row and describe the dataset"
+DESCRIBE = "stages=validate,analyse,card", "check every row and describe the dataset"
 """What to do after a build, and why."""
 
 
 @dataclass(frozen=True)
-class BuildOptions(WorkersOption, OverwriteOption):
-    """How much of a dataset is built, and on what."""
+class BuildOptions(WorkersOption, OverwriteOption, RunFolderOption, ResultsFolderOption):
+    """How much of a dataset is built, on what, and where files may refer to it."""
 
     grow: bool = option(
         False, "extend a finished dataset to more labyrinths or shifts, in place of the old one"
@@ -36,7 +41,6 @@ class BuildOptions(WorkersOption, OverwriteOption):
 
 
 def _check(job: Job[BuildOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
-    check_options(job.options, BuildOptions)
     if job.options.numbers is not None:
         part, parts = job.options.numbers
         allowed = f"give a part from 1 to {parts}, such as 1/{parts}"

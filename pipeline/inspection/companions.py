@@ -18,7 +18,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import Column
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
-from pipeline.stages import WINGS
+from pipeline.config.stages import WINGS
 
 
 @dataclass(frozen=True)

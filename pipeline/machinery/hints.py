@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import sys
 from collections.abc import Iterable
@@ -12,7 +11,7 @@ from typing import Any
 
 from pipeline.config.composed import KINDS, SHARED
 from pipeline.config.errors import as_value
-from pipeline.stages import STAGES
+from pipeline.config.stages import STAGES
 
 
 def next_command(
@@ -22,13 +21,14 @@ def next_command(
 
     Args:
         options: All options of the command that has run.
-        added: The options of the next command, such as `stages=report`.
+        added: The options of the next command: `stages=` with names, then others.
         purpose: What it is for.
         given: The overrides of the command line, each as `name=value`.
         flags: The flags of the command line that choose the configuration.
     """
-    more = added.split()
-    stages = re.findall(r"\w+", more[0])[1:]
+    first, *more = added.split()
+    stages = first.removeprefix("stages=").split(",")
+    more.insert(0, f"stages=[{','.join(stages)}]" if len(stages) > 1 else first)
     if not {*stages} <= STAGES.keys():
         return ""  # The wing of a stage was taken out.
     used = {each.name for stage in stages for each in fields(STAGES[stage].options)} | SHARED

@@ -25,12 +25,12 @@ from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
 from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
-from pipeline.release.options import PublishStageOptions
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
+from pipeline.release.options import PublishStageOptions
 from pipeline.release.remote import LEROBOT, MINARI
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph
 
@@ -91,13 +91,18 @@ def _origin(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str | Non
     return None, manifest_of(job)
 
 
-def _linked(job: Job[PublishStageOptions], manifest: Manifest, split: str, place: Path) -> dict[str, Any]:
+def _linked(
+    job: Job[PublishStageOptions], manifest: Manifest, split: str, place: Path
+) -> dict[str, Any]:
     """Link the files of the export of a split into a folder, and return its record.
 
     Raises:
         DatasetError: The export is missing, damaged, or of another dataset or options.
     """
-    source, size = job.options.export.path(job.dataset.name) / f"{split}-v{VERSION}", job.options.export.image_size
+    source, size = (
+        job.options.export.path(job.dataset.name) / f"{split}-v{VERSION}",
+        job.options.export.image_size,
+    )
     own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
         raise DatasetError(f"{source} holds no complete export: stages=export makes it")
@@ -129,7 +134,10 @@ def _group(folder: Path, job: Job[PublishStageOptions], splits: Sequence[str]) -
 
 
 def _card(
-    job: Job[PublishStageOptions], manifest: Manifest, records: Mapping[str, Mapping[str, Any]], commit: str | None
+    job: Job[PublishStageOptions],
+    manifest: Manifest,
+    records: Mapping[str, Mapping[str, Any]],
+    commit: str | None,
 ) -> str:
     """Return the README.md, a pure function of the exports and of the release."""
     name, format_ = job.options.publish.export, job.options.export.format
@@ -183,7 +191,9 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
     return values
 
 
-def stage_environment(job: Job[PublishStageOptions], folder: Path, commit: str, manifest: Manifest) -> None:
+def stage_environment(
+    job: Job[PublishStageOptions], folder: Path, commit: str, manifest: Manifest
+) -> None:
     """Write all files of the repository of a run's environment: `env.py` and a card.
 
     LeRobot looks for `env.py` in a model (`lerobot.envs.utils._download_hub_file` of

@@ -17,7 +17,7 @@ from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions, check_training
 
 LOOK = "stages=report", "look at it in a browser"
-LEARN = "stages=[train,evaluate] method=bc", "train a policy on it"
+LEARN = "stages=train,evaluate method=bc", "train a policy on it"
 """What to do with a dataset, and why; no report is made of one in an object store."""
 
 _ID = r"[A-Za-z0-9][\w.-]*/[A-Za-z0-9][\w.-]*"

@@ -10,7 +10,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import naming, write_text
 from pipeline.config.errors import check
 from pipeline.config.stage import CONFIG, Job
-from pipeline.season.options import SeasonStageOptions
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.season.commitment import (
@@ -22,6 +21,7 @@ from pipeline.season.commitment import (
     seed_of,
     without_seed,
 )
+from pipeline.season.options import SeasonStageOptions
 
 
 def run(job: Job[SeasonStageOptions]) -> None:

@@ -17,7 +17,7 @@ from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import CONFIG
+from pipeline.config.stage import CONFIG
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 

@@ -28,7 +28,6 @@ from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
-from pipeline.training.options import TrainOptions
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import each_minute, progress, say
@@ -38,6 +37,7 @@ from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
+from pipeline.training.options import TrainOptions
 from pipeline.training.record import (
     CHECKPOINT,
     OURS,
@@ -95,7 +95,11 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
 
 
 def _train(
-    job: Job[TrainOptions], folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
+    job: Job[TrainOptions],
+    folder: Path,
+    path: Path,
+    identity: dict[str, Any],
+    checkpoint_seconds: float,
 ) -> Progress:
     """Train a policy with its checkpoint at `path`, and write the run's files into `folder`."""
     options = job.options
@@ -154,7 +158,9 @@ def identify(job: Job[TrainingOptions], settings: BaseSettings) -> dict[str, Any
     }
 
 
-def loader_of(job: Job[TrainingOptions], image_size: int = DEFAULT_IMAGE_SIZE) -> Callable[..., LabyrinthArrays]:
+def loader_of(
+    job: Job[TrainingOptions], image_size: int = DEFAULT_IMAGE_SIZE
+) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split with the run's observation, or with another one.
 
     The function takes the split and, optionally, the observation. If the run learns from the first

@@ -13,10 +13,10 @@ from pathlib import Path
 
 import pytest
 from commands import RUN, ended, error_of, refused, run, spaced
+from making import Run
 from quick_python import python
 
 from labyrinth_core.data.manifest import Manifest
-from pipeline.config.run import Run
 
 pytestmark = pytest.mark.slow
 
@@ -172,7 +172,12 @@ def test_what_a_user_asks_hydra_to_keep_of_a_sweep_is_kept(tmp_path: Path) -> No
 
 @pytest.mark.parametrize(
     "where",
-    ["config.run.resolve", "config.run.as_file", "config.texts.as_given", "machinery.hints.hints"],
+    [
+        "config.composed.resolve",
+        "config.composed.as_file",
+        "config.texts.as_given",
+        "machinery.hints.next_command",
+    ],
 )
 def test_a_bug_in_the_handling_of_options_gets_its_traceback(tmp_path: Path, where: str) -> None:
     module, _, name = where.rpartition(".")

@@ -13,19 +13,20 @@ from pathlib import Path
 
 import pytest
 from commands import RUN, ended, error_of, refused, run, spaced
+from making import Run
 from quick_python import python
 from tampering import content_of, identities
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from pipeline.config.run import DEFAULTS, OPTIONS, Run
-from pipeline.config.run import STAGES as KNOWN_STAGES
+from pipeline.config.composed import DEFAULTS, OPTIONS
+from pipeline.config.stages import STAGES
 
 resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow
 
-STAGES = "stages=[build,validate]"
+STEPS = "stages=[build,validate]"
 
 Build = Callable[..., Run]
 
@@ -90,7 +91,7 @@ def test_ctrl_c_while_the_program_is_imported_ends_with_one_line(
 
 def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> None:
     options = ["size=3", "labyrinths=1", "random_steps=5", 'data_dir="a\x1b[2J:fire:\u202eb"']
-    made = run(tmp_path, *options, STAGES)
+    made = run(tmp_path, *options, STEPS)
     assert (made.returncode, made.stderr) == (0, "")
     assert r"a\x1b[2J:fire:\u202eb/3x3 is valid: " in spaced(made.stdout)
     missing = run(tmp_path, "stages=[card]", 'data_dir="c\x1b[2J"')
@@ -136,7 +137,7 @@ def test_a_disk_that_fills_up_leaves_no_dataset_and_the_next_run_goes_on(
     assert content_of(tmp_path / "data") == content_of(small_dataset.data_dir)
 
 
-@pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"], [], ["size=3", STAGES]])
+@pytest.mark.parametrize("arguments", [["--help"], ["--cfg", "job"], [], ["size=3", STEPS]])
 def test_a_full_output_is_answered_with_one_line_and_a_closed_one_with_none(
     tmp_path: Path, arguments: list[str]
 ) -> None:
@@ -172,13 +173,13 @@ def test_without_arguments_it_says_what_can_be_done_in_options_that_there_are(
     given = re.findall(r"([\w.]+)=(\S+)", result.stdout)
     assert {name for name, _ in given} <= set(OPTIONS)
     named = [stage for name, value in given if name == "stages" for stage in value.split(",")]
-    assert {stage.strip("[]'") for stage in named} <= set(KNOWN_STAGES)
+    assert {stage.strip("[]'") for stage in named} <= set(STAGES)
 
 
 def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     tmp_path: Path, small_dataset: Run
 ) -> None:
-    arguments = ["size=3", "labyrinths=8", "data_dir=data", STAGES]
+    arguments = ["size=3", "labyrinths=8", "data_dir=data", STEPS]
     first = run(tmp_path, *arguments)
     assert (first.returncode, first.stderr) == (0, "")
     assert "load_dataset('data', '3x3')" in first.stdout

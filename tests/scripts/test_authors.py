@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 import torch
 from learning import equal_weights, states_seen_by, targets_of
+from making import Run
 
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_of, simple_routes
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
 from pipeline.training import train

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from hydra import compose, initialize_config_dir
+from making import Run, RunConfig, resolve
 
 from pipeline.config.command_line import HYDRA, parsed, register
+from pipeline.config.composed import options_of
 from pipeline.config.method import CONF
-from pipeline.config.run import Run, options_of, resolve
 from pipeline.config.texts import as_given
 
 
@@ -15,4 +16,5 @@ def composed(*arguments: str) -> Run:
     register()
     given = parsed(arguments).overrides
     with initialize_config_dir(str(CONF), **HYDRA):
-        return resolve(options_of(as_given(compose("config", given), given), given))
+        options = options_of(as_given(compose("config", given), given), given)
+    return resolve(RunConfig(**vars(options)))

@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from making import Run, RunConfig, resolve
+
 from labyrinth_core import load_episodes
 from labyrinth_core.data.episodes import LoadedEpisode
 from pipeline.config.export import ExportOptions
-from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.export import stage
 from pipeline.export.split import Split
 

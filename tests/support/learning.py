@@ -11,11 +11,11 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
+from making import Run
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.config.run import Run
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.acting import load_steps

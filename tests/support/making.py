@@ -2,16 +2,60 @@
 
 from __future__ import annotations
 
+from copy import copy
+from dataclasses import dataclass, fields, make_dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
+from labyrinth_core.evaluation.description import RunName
+from pipeline.config import composed, training
 from pipeline.config.dataset import BucketsConfig
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.stage import Job
+from pipeline.config.stages import STAGES
 from pipeline.generation import build
 
 
+@dataclass(frozen=True)
+class Run(Job[Any]):
+    """A job with all options, which any stage takes."""
+
+    @property
+    def run_name(self) -> RunName:
+        return training.run_name(self)
+
+    @property
+    def training_folder(self) -> Path:
+        return training.training_folder(self)
+
+
+def _derived(options: Any, name: str) -> Any:
+    """Return what a stage's class of options computes from its options."""
+    for stage in STAGES.values():
+        if isinstance(getattr(stage.options, name, None), property):
+            return getattr(composed.part_of(options, stage.options), name)
+    raise AttributeError(name)
+
+
+_KINDS = get_type_hints(composed.ALL)
+
+RunConfig = make_dataclass(
+    "RunConfig",
+    [(each.name, _KINDS[each.name], copy(each)) for each in fields(composed.ALL)],
+    frozen=True,
+    namespace={"__getattr__": _derived},
+)
+"""All options of a command line, with what the options of single stages compute from them."""
+
+
+def resolve(options: Any) -> Run:
+    """Check options as a command line's are, and return a job with all of them."""
+    jobs = composed.resolve(options)
+    first = next(iter(jobs.values()))
+    return Run(**vars(first) | {"options": replace(options, stages=tuple(jobs))})
+
+
 def run_of(data_dir: Path, **options: Any) -> Run:
-    """Return the run with the options of `RunConfig`; a small one where they say nothing."""
+    """Return the job with the options of `RunConfig`; a small one where they say nothing."""
     if "buckets" in options:
         options["buckets"] = BucketsConfig(*options["buckets"])
     small = {"stages": ["build"], "size": "3", "labyrinths": 8, "data_dir": str(data_dir)}

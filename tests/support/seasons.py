@@ -11,9 +11,9 @@ from policies import RELEASED
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
-from pipeline.config.season import SeasonOptions
 from pipeline.season import judge, reveal, season, verify
 from pipeline.season.commitment import Place
+from pipeline.season.options import SeasonOptions
 
 STAGES = {"season": season, "judge": judge, "reveal": reveal, "verify": verify}
 

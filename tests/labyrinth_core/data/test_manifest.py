@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from making import Run
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from pipeline.config.run import Run
 
 WRONG = (None, True, 1.0, -1, [], {})
 """Values of which none is that of a field of a shard."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from making import Run
 
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.rows import open_shard, readable
-from pipeline.config.run import Run
 from pipeline.generation.table import read_schema
 
 

@@ -13,6 +13,7 @@ from uuid import uuid4
 import fsspec
 import numpy as np
 import pytest
+from making import Run, RunConfig, resolve
 from s3_server import S3Server, serving
 
 from labyrinth_core.data.errors import DatasetError
@@ -28,12 +29,11 @@ from labyrinth_core.data.storage import (
     write_bytes,
 )
 from pipeline.config.errors import ConfigError
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, RunConfig, resolve
 from pipeline.generation import build as generation
 from pipeline.generation import check as validation
 from pipeline.machinery.folders import new_file
 from pipeline.release import card
+from pipeline.release.options import PublishOptions
 
 pytestmark = pytest.mark.slow
 

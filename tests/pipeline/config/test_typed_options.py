@@ -5,6 +5,7 @@ A name that does not exist is answered with its likely name.
 
 from __future__ import annotations
 
+import shlex
 from typing import get_origin
 
 import pytest
@@ -13,10 +14,11 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
+from making import RunConfig
 
 from pipeline.config.command_line import arranged, parsed, refusal
+from pipeline.config.composed import DEFAULTS, KINDS, unused
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import DEFAULTS, KINDS, RunConfig, unused
 from pipeline.config.texts import quote_texts
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
@@ -201,8 +203,8 @@ def test_settings_are_compared_with_those_of_a_run_only_if_they_are_chosen() -> 
 @pytest.mark.parametrize(
     ("name", "stages", "users"),
     [
-        ("method", ["build"], ("train", "evaluate", "publish")),
-        ("method.epochs", ["report"], ("train", "evaluate", "publish")),
+        ("method", ["build"], ("publish", "train", "evaluate")),
+        ("method.epochs", ["report"], ("publish", "train", "evaluate")),
         ("publish.version", ["build", "card"], ("publish",)),
         ("export.format", ["publish"], None),
         ("policy", ["evaluate"], None),

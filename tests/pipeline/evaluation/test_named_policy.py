@@ -22,9 +22,10 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import EvaluationOptions
+from pipeline.config.options import source_of
 from pipeline.evaluation import evaluate as stage
 from pipeline.evaluation.named import named_policy
+from pipeline.evaluation.options import EvaluationOptions
 
 __all__ = ["local_hub"]
 
@@ -97,7 +98,7 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     path = folder / "runs" / "3x3" / f"strange-{name}" / "results.json"
     assert str(path) in capsys.readouterr().out
     content = json.loads(path.read_text(encoding="utf-8"))
-    expected = evaluate(lambda seen: [1] * len(seen), run.source, "3x3", splits=["test"])
+    expected = evaluate(lambda seen: [1] * len(seen), source_of(run), "3x3", splits=["test"])
     assert list(content["splits"]) == ["test"]
     assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
     unsaid = dict.fromkeys(("author", "url", "date", "budget"), "")
@@ -197,11 +198,6 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
 def test_impossible_options_are_refused_in_one_line(run_of, options, message):
     with pytest.raises(ConfigError, match=rf"\A{message}"):
         run_of(**options)
-
-
-def test_a_policy_that_cannot_be_is_refused_by_a_stage_that_asks_none(make_run, tmp_path):
-    with pytest.raises(ConfigError, match=r"\Apolicy=ppo\.zip: give module:name, the folder of"):
-        make_run(tmp_path, stages=["results"], policy="ppo.zip")
 
 
 @pytest.mark.parametrize("theirs", ["my policy", None])

@@ -13,9 +13,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from exporting import SIZE, episodes, split_of
+from making import Run
 
 from labyrinth_core.data.manifest import TABLE
-from pipeline.config.run import Run
 from pipeline.export import imitation, lerobot
 
 SPLITS = ("train", "random")

@@ -8,8 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from exporting import SIZE, episodes, export
-
-from pipeline.config.run import Run
+from making import Run
 
 CASES = [
     ("navigation", ("train", "random")),

@@ -17,6 +17,7 @@ import huggingface_hub
 import pyarrow.parquet as pq
 import pytest
 from exporting import export
+from making import Run
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -24,7 +25,6 @@ from labyrinth_core.data.manifest import MANIFEST, TABLE
 from labyrinth_core.data.storage import file_sha256
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS
-from pipeline.config.run import Run
 from pipeline.export import stage
 
 FORMATS = tuple(EXPORTS)

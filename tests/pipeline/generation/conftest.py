@@ -7,8 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-
-from pipeline.config.run import Run
+from making import Run
 
 
 @pytest.fixture(scope="session")

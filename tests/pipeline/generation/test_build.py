@@ -17,6 +17,7 @@ from brute_force import simple_routes, world_of
 from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from interrupting import CrashError, before_each_shard
+from making import Run
 from PIL import Image
 from tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
@@ -27,7 +28,6 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace

@@ -13,13 +13,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
+from making import Run
 from tampering import content_of, cut_short
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
-from pipeline.config.run import Run
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
 from pipeline.generation.structures import sample

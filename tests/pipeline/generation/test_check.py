@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from making import Run
 from PIL import Image
 from tampering import (
     MOVED,
@@ -30,7 +31,6 @@ from tampering import (
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 from labyrinth_core.world.solver import shortest_routes
-from pipeline.config.run import Run
 from pipeline.generation import check as validation
 
 Build = Callable[..., Run]

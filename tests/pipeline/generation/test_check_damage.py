@@ -12,6 +12,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from making import Run
 from planting import write
 from tampering import (
     OTHER,
@@ -30,7 +31,6 @@ from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from pipeline.config.run import Run
 from pipeline.generation import check as checking
 
 # A file that is not read, as its footer shows that it is not ours.

@@ -13,13 +13,13 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from making import Run
 from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, table_file
 from labyrinth_core.data.storage import file_sha256
-from pipeline.config.run import Run
 
 pytestmark = pytest.mark.slow
 

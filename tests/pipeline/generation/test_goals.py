@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from brute_force import Place, fewest_moves, is_connected
+from making import Run
 from read_from_text import Shown, shown
 from tampering import problems, replace_first
 
@@ -20,7 +21,6 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.config.run import Run
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 from interrupting import before_each_shard
+from making import Run
 from tampering import TRAIN, content_of, cut_short, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from pipeline.config.run import Run
 from pipeline.inspection import analyse
 
 Build = Callable[..., Run]

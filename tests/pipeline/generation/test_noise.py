@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from making import Run
 from pyarrow.parquet import read_table
 from tampering import problems
 
@@ -18,7 +19,6 @@ from labyrinth_core.world.dynamics import State, initial, state_index, transitio
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import optimal_actions
 from pipeline.config.dataset import DemonstrationsConfig
-from pipeline.config.run import Run
 from pipeline.inspection.counts import routes_of
 
 pytestmark = pytest.mark.slow

@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from making import Run
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from pipeline.config.dataset import DemonstrationsConfig
-from pipeline.config.run import Run
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parents[2] / "data" / "fingerprints.json").read_text(encoding="utf-8")

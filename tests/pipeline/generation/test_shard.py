@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from making import Run
 
 from labyrinth_core.data.storage import write_bytes
-from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation.shard import Fingerprint, Row, ShardJob, finished

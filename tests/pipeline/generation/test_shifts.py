@@ -11,6 +11,7 @@ from statistics import mean
 import numpy as np
 import pytest
 from brute_force import World, fewest_moves, is_connected, loops, walk
+from making import Run
 from read_from_text import Shown, shown
 from rich.progress import Progress
 from tampering import problems, replace_first, rows_of, with_a_wall_opened
@@ -24,7 +25,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
 from pipeline.generation.structures import sample

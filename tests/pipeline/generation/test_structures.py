@@ -17,6 +17,7 @@ from brute_force import (
 )
 from hypothesis import given
 from hypothesis import strategies as st
+from making import Run
 
 from labyrinth_core.data.buckets import bucket_of, split_of
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -25,7 +26,6 @@ from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack
 from pipeline.generation.labyrinths import item_rng

@@ -21,6 +21,7 @@ from brute_force import (
     world_of,
 )
 from datasets import load_dataset
+from making import Run
 from tampering import Rows, read_rows
 
 from labyrinth_core.data.format import TABLE_COLUMNS
@@ -30,7 +31,6 @@ from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_and_routes
-from pipeline.config.run import Run
 from pipeline.generation import table
 from pipeline.generation.labyrinths import Solution
 

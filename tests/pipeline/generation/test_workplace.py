@@ -13,12 +13,12 @@ from typing import Any
 import filelock
 import pytest
 from interrupting import CrashError, before_each_shard, crash
+from making import Run
 from tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import temporary_beside
-from pipeline.config.run import Run
 
 Build = Callable[..., Run]
 

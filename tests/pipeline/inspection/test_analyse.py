@@ -19,8 +19,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from pipeline.config.analysis import LeakageOptions
 from pipeline.inspection import analyse
+from pipeline.inspection.options import LeakageOptions
 
 
 @pytest.fixture(scope="module")

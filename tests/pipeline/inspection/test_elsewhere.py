@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 
 import pytest
+from making import Run
 
 from labyrinth_core.data.errors import DatasetError
-from pipeline.config.run import Run
 from pipeline.inspection.analyse import read_elsewhere
 
 READ = """

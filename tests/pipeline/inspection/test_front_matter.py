@@ -9,12 +9,12 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from making import Run
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE
 from labyrinth_core.data.splits import BASE_SPLITS
-from pipeline.config.run import Run
 from pipeline.inspection import front_matter
 
 Build = Callable[..., Run]

@@ -18,12 +18,12 @@ from typing import Any
 import distributed
 import pytest
 from joblib.externals.loky import get_reusable_executor
+from making import Run
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, Shard
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.check import validate

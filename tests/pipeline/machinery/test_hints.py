@@ -11,11 +11,12 @@ from pathlib import Path
 
 import pytest
 from commands import RUN, run
+from making import Run, RunConfig, resolve
 from quick_python import python
 
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, RunConfig, resolve
-from pipeline.machinery.hints import hints
+from pipeline.config.stages import STAGES
+from pipeline.machinery.hints import next_command
+from pipeline.release.options import PublishOptions
 
 
 @pytest.mark.slow
@@ -44,6 +45,18 @@ def test_one_stage_needs_no_brackets_and_ends_with_a_command_that_works_next(
     assert (tmp_path / "my data's" / "README.md").is_file()
 
 
+def suggested(options: RunConfig, given: list[str]) -> list[str]:
+    """Return the lines that a command with these options ends with."""
+    run = resolve(options)
+    last = run.options.stages[-1]
+    match STAGES[last].next_step(run, run.options.stages):
+        case (line,):
+            return [line]
+        case (added, purpose):
+            return [next_command(run.options, added, purpose, given)]
+    return []
+
+
 @pytest.mark.parametrize(
     ("stages", "expected"),
     [
@@ -58,7 +71,7 @@ def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
     stages: list[str], expected: str | None
 ) -> None:
     given = ["size=3", "stages=[x]", "+overwrite=true", "publish.repo_id=a/b", "seed=1"]
-    lines = hints(resolve(RunConfig(stages=tuple(stages), size="3", seed=1)), given)
+    lines = suggested(RunConfig(stages=tuple(stages), size="3", seed=1), given)
     assert len(lines) == (expected is not None)
     for line in lines:
         assert line.startswith(str(expected))
@@ -71,23 +84,36 @@ def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
 
 def test_a_hint_has_values_in_place_of_references_and_can_be_typed() -> None:
     options = RunConfig(stages=("build",), data_dir="runs/${x} a", seed=3, size="3")
-    given = ["size=3", "seed=3", r"data_dir=runs/$\{seed\}", "+experiment=paper", "~revision"]
-    (line,) = hints(resolve(options), given)
+    given = ["size=3", "seed=3", r"data_dir=runs/$\{seed\}", "+experiment=paper", "~goals"]
+    (line,) = suggested(options, given)
     words = shlex.split(line.partition(": ")[2])
     assert words[-6:-1] == [
-        *("size=3", "seed=3", r'data_dir="runs/\${x} a"', "+experiment=paper", "revision=null")
+        *("size=3", "seed=3", r'data_dir="runs/\${x} a"', "+experiment=paper", "goals=fixed")
     ]
+
+
+def test_the_next_command_repeats_only_options_that_its_stages_use() -> None:
+    options = RunConfig(stages=("evaluate",), size="3", run_dir="own", threads=1)
+    given = ["size=3", "run_dir=own", "threads=1", "hydra.verbose=true"]
+    (line,) = suggested(options, given)
+    assert line.endswith(" size=3 run_dir=own hydra.verbose=true stages=results")
+
+
+def test_a_stage_whose_wing_was_taken_out_is_not_suggested(monkeypatch) -> None:
+    monkeypatch.delitem(STAGES, "report")
+    options = RunConfig(stages=("build", "card"), size="3")
+    assert suggested(options, []) == [""]
 
 
 def test_an_evaluation_on_another_dataset_which_the_tables_ignore_suggests_no_tables() -> None:
     options = RunConfig(stages=("evaluate",), size="3", evaluate_on="data/other/4x4")
-    assert hints(resolve(options), ["size=3"]) == []
+    assert suggested(options, ["size=3"]) == []
 
 
 def test_a_publication_says_what_loads_it_and_a_rehearsal_nothing() -> None:
     publish = PublishOptions(repo_id="a/b", version="1.0.0")
     options = RunConfig(stages=("publish",), publish=publish)
-    (line,) = hints(resolve(options), [])
+    (line,) = suggested(options, [])
     assert line == "Next: load_transitions takes the id of the dataset, from any machine."
     rehearsed = replace(options, publish=replace(publish, dry_run=True))
-    assert hints(resolve(rehearsed), []) == []
+    assert suggested(rehearsed, []) == []

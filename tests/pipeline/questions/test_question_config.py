@@ -12,6 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
+from making import Run
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -21,7 +22,6 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import moves_and_routes
-from pipeline.config.run import Run
 from pipeline.generation import check
 from pipeline.inspection import front_matter
 from pipeline.questions import stage as questions

@@ -8,10 +8,8 @@ from pathlib import Path
 
 import pytest
 from hub.local_hub import LocalHub
-from making import make
+from making import Run, RunConfig, make, resolve
 from publishing import local_hub, published
-
-from pipeline.config.run import Run, RunConfig, resolve
 
 __all__ = ["local_hub"]
 

@@ -20,7 +20,7 @@ import yaml
 from commands import ended
 from composing import composed
 from huggingface_hub import DatasetCard, DatasetCardData
-from making import make, make_both
+from making import RunConfig, make, make_both, resolve
 from PIL import Image
 from planting import DEFAULT, OTHER, labyrinths, plant
 
@@ -32,7 +32,6 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import shortest_routes
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.config.run import RunConfig, resolve
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES

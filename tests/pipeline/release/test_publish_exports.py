@@ -12,14 +12,14 @@ import yaml
 from exporting import export
 from hub.local_hub import LocalHub
 from huggingface_hub import HfApi
+from making import Run, resolve
 from publishing import REPO, built, changes, error_of, held, kill_in, publish, published, run_script
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import Run, resolve
 from pipeline.release.derived import stage_export
+from pipeline.release.options import PublishOptions
 
 GROUP, LEROBOT = "user/labyrinth-minari", "user/labyrinth-lerobot"
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+from making import RunConfig, resolve
 from publishing import REPO
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
-from pipeline.config.publish import PublishOptions
-from pipeline.config.run import RunConfig, resolve
+from pipeline.release.options import PublishOptions
 
 WHERE = {"repo_id": REPO, "version": "1.0.0"}
 MODEL = {"model": "user/planner-3x3", "version": "1.0.0"}

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from making import Run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
@@ -22,7 +23,6 @@ from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.solver import distances, optimal_actions
 from labyrinth_core.world.tasks import sample_labyrinth
-from pipeline.config.run import Run
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
 

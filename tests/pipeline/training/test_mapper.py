@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from learning import settings_of
+from making import Run
 from numpy.typing import NDArray
 
 from labyrinth_core.data.observations import ObservationSpec
@@ -29,7 +30,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy

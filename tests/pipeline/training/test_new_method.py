@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from making import Run
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.evaluation import evaluate
 from pipeline.results import results
 from pipeline.training import train

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import torch
 from learning import settings_of
+from making import Run
 from policies import RELEASED
 from torch import nn
 
@@ -26,7 +27,6 @@ from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.method import Problem

@@ -10,13 +10,13 @@ from types import ModuleType
 import numpy as np
 import pytest
 from learning import settings_of
+from making import Run
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.world.dynamics import is_terminal, transition
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.training.methods import bc, planner
 from pipeline.training.methods.acting import load_steps
 from pipeline.training.methods.method import Problem

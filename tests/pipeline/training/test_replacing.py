@@ -14,11 +14,11 @@ from typing import Any
 
 import pytest
 from crashing import killed_before
+from making import Run
 
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train
 from pipeline.training.methods import bc

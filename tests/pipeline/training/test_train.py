@@ -13,13 +13,13 @@ from typing import Any
 
 import pytest
 import torch
+from making import Run
 
 import pipeline.training
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
