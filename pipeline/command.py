@@ -172,7 +172,8 @@ def _outcome(config: DictConfig) -> float | None:
         case (line,):
             say(line)
         case (added, purpose):
-            say(next_command(options, added, purpose, given, _flags()))
+            if line := next_command(options, added, purpose, given, _flags()):
+                say(line)
     return objective
 
 
