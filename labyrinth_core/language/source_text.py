@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, LabyrinthError
 
 MAX_TEXT = 32 * 1024 * 1024
 """The most characters of a text, or bytes of a file; the largest drawing has a quarter of that."""
@@ -26,7 +26,7 @@ _WINDOW = 94
 
 
 @dataclass(eq=False, repr=False)
-class LabyrinthSyntaxError(ValueError):
+class LabyrinthSyntaxError(LabyrinthError):
     """The text is not a labyrinth; the message shows the line, with a caret below the error."""
 
     message: str
@@ -43,6 +43,8 @@ class LabyrinthSyntaxError(ValueError):
     """What the language allows at this place."""
     found: str | None = None
     """What the text has at this place."""
+    cell: int | None = None
+    """Always None: the error is at a place of the text."""
 
     @classmethod
     def at(

@@ -90,6 +90,8 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
     _parse_end(source)
     try:
         return _build(source, drawing, settings, seed)
+    except LabyrinthSyntaxError:  # It knows its place already.
+        raise
     except LabyrinthError as error:
         offset = settings.offset if error.cell is None else drawing.offset(error.cell)
         raise source.error(offset, str(error)) from error

@@ -89,7 +89,7 @@ def _analyse(run: Run) -> Iterator[str]:
     text = _as_text(content).encode()
     leave(folder, {ANALYSIS: text}, overwrite=run.options.overwrite)
     yield from _leaks(leakage, {})
-    yield f"{folder / ANALYSIS} has near-twins and tests of shift."
+    yield f"Wrote {folder / ANALYSIS} (near-duplicates, tests of shift)."
 
 
 def read_contents(

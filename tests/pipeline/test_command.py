@@ -170,7 +170,7 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
         "To load it: load_dataset('data/labyrinth', '3x3')",
         "data/labyrinth/3x3 is valid: 4,052 rows replayed.",
         "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
-        "data/labyrinth/3x3/analysis.json has near-twins and tests of shift.",
+        "Wrote data/labyrinth/3x3/analysis.json (near-duplicates, tests of shift).",
         "data/labyrinth/README.md describes 3x3.",
     ]
     assert last.startswith("Next, to look at it in a browser: python ")

@@ -55,7 +55,7 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     shown = capsys.readouterr().out.splitlines()
     assert shown == [
         "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
-        f"{analysed / ANALYSIS} has near-twins and tests of shift.",
+        f"Wrote {analysed / ANALYSIS} (near-duplicates, tests of shift).",
     ]
 
 
