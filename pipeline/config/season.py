@@ -36,8 +36,8 @@ class SeasonOptions:
         "an ONNX graph; after a folder or a file, @ and the SHA-256 of its weights pin them",
         like=(
             rf"({SUBMISSION})?",
-            "an id on the Hub such as user/model@1.0.0, or the path of a folder or of a file such as "
-            "model.onnx, of a to z, digits and ._+=- between single slashes, without . and ..",
+            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx, "
+            "spelt with A to Z, a to z, 0 to 9 and ._+=- between single slashes, without . and ..",
         ),
     )
 

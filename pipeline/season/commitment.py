@@ -199,15 +199,14 @@ class Season:
                 f"fingerprints are {manifest.fingerprint:.16} and {self.fingerprint:.16}"
             )
         found = {shard.path: shard.sha256 for shard in manifest.shards}
-        counts = labyrinths_of(manifest)
         for what, named, right in (
-            ("labyrinths", self.labyrinths, counts),
-            ("shards", dict.fromkeys(self.shards), dict.fromkeys(found)),
+            ("labyrinths", self.labyrinths, labyrinths_of(manifest)),
+            ("shards", dict.fromkeys(self.shards, 1), dict.fromkeys(found, 1)),
         ):
-            if named != right:
-                differing = sorted(n for n in {**named, **right} if named.get(n) != right.get(n))
+            if differing := named.items() ^ right.items():
                 raise DatasetError(
-                    f"season.json of {self.name} has other {what} than the test: {differing[0]:.60}"
+                    f"season.json of {self.name} has other {what} than the test: "
+                    f"{min(differing)[0]:.60}"
                 )
         return [path for path in sorted(found) if found[path] != self.shards[path]]
 

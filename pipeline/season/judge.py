@@ -89,12 +89,12 @@ def run(run: Run) -> None:
                 row, _, content = judged(season, submission, data_dir, config, signed)
             if before is None:
                 rows.append(row)
-                _keep(place, len(rows), submission, content)
-                publish(place, season, rows)
             elif before != row:
                 raise DatasetError(
                     f"{named} was judged before, with other results: see {place.judged}"
                 )
+            _keep(place, rows.index(row) + 1, submission, content)
+            publish(place, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {place.judged}")
     if len(rows) > 1:
@@ -231,8 +231,8 @@ def _keep(place: Place, number: int, submission: Submission, content: bytes) -> 
 
 
 def publish(place: Place, season: Season, rows: list[Row]) -> None:
-    """Write the list of judged submissions, unless it has these rows already."""
-    if rows != read_rows(place, season):
+    """Write the list of judged submissions, unless nothing is judged."""
+    if rows:
         text = json.dumps({"season": season.name, "judged": rows}, indent=2, ensure_ascii=False)
         # Overwritten, because `rows` has the rows of the file.
         leave(place.public, {place.judged.name: f"{text}\n".encode()}, overwrite=True)

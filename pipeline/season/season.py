@@ -12,6 +12,7 @@ from pipeline.config.errors import ConfigError, check
 from pipeline.config.run import Run
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
+from pipeline.machinery.folders import held
 from pipeline.season.commitment import (
     LEAST,
     SECRET_BYTES,
@@ -51,11 +52,12 @@ def run(run: Run) -> None:
         if not place.public.exists():
             kept.unlink(missing_ok=True)
         raise
-    season = Season.read(place)
-    same = (season.date, season.config) == (options.date, without_seed(run.dataset))
-    if not same or place.revealed.exists():
-        raise DatasetError(f"{place.public} exists: choose another season.name")
-    season.find_secret(place)
+    with held(place.public.parent, place.public.name):
+        season = Season.read(place)
+        same = (season.date, season.config) == (options.date, without_seed(run.dataset))
+        if not same or place.revealed.exists():
+            raise DatasetError(f"{place.public} exists: choose another season.name")
+        season.find_secret(place)
     say(
         f"{place.season}{' exists already' if existed else ''}: publish this folder now. "
         f"{place.secret} holds the secret: keep it, and show it to no one until stages=reveal "
