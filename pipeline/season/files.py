@@ -51,11 +51,11 @@ def private_folder() -> Iterator[Path]:
     with held(base, own.name):
         own.mkdir(mode=0o700)
         try:
-            for left in base.glob(f"{_PREFIX}*"):
-                with suppress(OSError):  # It has gone, or its process is alive and holds the lock.
-                    is_ours = left.lstat().st_uid == own.lstat().st_uid and not left.is_symlink()
-                    if is_ours and left != own:
-                        with locked(left.with_name(f".{left.name}.lock"), wait=False):
+            for lock in base.glob(f".{_PREFIX}*.lock"):
+                left = base / lock.name.removeprefix(".").removesuffix(".lock")
+                with suppress(OSError):  # Its process is alive and holds it, or has just ended.
+                    if left != own and lock.lstat().st_uid == own.lstat().st_uid:
+                        with locked(lock, wait=False):
                             remove(left)
             yield own
         finally:

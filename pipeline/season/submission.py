@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event, Timer
@@ -96,7 +95,10 @@ def _loaded(folder: Path, named: str) -> Any:
 
 
 class _Limited:
-    """A loaded policy that is refused if a call takes more than `SECONDS`, as a graph is."""
+    """A loaded policy that is refused if a call takes too long, as a graph is.
+
+    It has `SECONDS` for a batch, or for each labyrinth if it plans for one at a time.
+    """
 
     def __init__(self, policy: Any) -> None:
         self._policy, self._late = policy, Event()
@@ -106,7 +108,9 @@ class _Limited:
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of the policy: what it has to be shown, or a method."""
         found = getattr(self._policy, name)
-        return partial(self._in_time, found) if name == "act" else found
+        if name != "act":
+            return found
+        return lambda observations: self._in_time(found, observations, len(observations))
 
     def for_labyrinths(self, height: int, width: int, task: Task) -> _Limited:
         """Return the policy for labyrinths of another size."""
@@ -116,9 +120,11 @@ class _Limited:
         """Return the scores of the four actions, shape (B, 4)."""
         return self._in_time(self._policy, observations)
 
-    def _in_time(self, call: Callable[[NDArray[Any]], Any], observations: NDArray[Any]) -> Any:
+    def _in_time(
+        self, call: Callable[[NDArray[Any]], Any], observations: NDArray[Any], parts: int = 1
+    ) -> Any:
         self._late = Event()
-        timer = Timer(SECONDS, self._late.set)
+        timer = Timer(SECONDS * parts, self._late.set)
         timer.start()
         try:
             answer = call(observations)

@@ -18,8 +18,7 @@ from seasons import Performer
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.spec import GRAPH, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.policies.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.season import judge, submission
 from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Place, Season
@@ -344,13 +343,17 @@ def test_a_policy_of_ours_that_takes_too_long_is_refused_while_it_computes(
 
 
 @pytest.mark.slow
-def test_the_limit_of_time_changes_no_result(small_dataset):
+@pytest.mark.parametrize("kind", ["planner", "mapper"])
+def test_the_limit_of_time_changes_no_result(tmp_path, small_dataset, kind):
     from labyrinth_core import evaluate, load_policy
 
-    with fetched(str(RELEASED)) as given:
+    folder = RELEASED
+    if kind == "mapper":
+        spec = PolicySpec(NetworkSpec(kind, 5, 5, "navigation"), False, MapperSpec(8, 4))
+        folder = lay_out_run(tmp_path / kind, spec)
+    with fetched(str(folder)) as given:
         limited, free = (
             evaluate(each, small_dataset.data_dir, "3x3", splits=["test"])
-            for each in (given.policy, load_policy(RELEASED))
+            for each in (given.policy, load_policy(folder))
         )
-    assert isinstance(limited, Results)
-    assert str(limited) == str(free)
+    assert (str(limited), limited.way) == (str(free), free.way)

@@ -8,7 +8,9 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -18,6 +20,7 @@ from seasons import Performer
 
 from pipeline.machinery.artifact import HASHES
 from pipeline.season.commitment import Season
+from pipeline.season.files import private_folder
 
 pytestmark = [
     pytest.mark.slow,
@@ -167,10 +170,22 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
     theirs = tmp_path / "theirs"
     (theirs / "kept").mkdir(parents=True)
     (temporary / "labyrinth-season-link").symlink_to(theirs)
+    (temporary / ".labyrinth-season-early.lock").touch()  # Killed before it made its folder.
     assert len([*temporary.glob("labyrinth-season-*")]) == 3
-    perform("judge")
+    with private_folder_in(temporary) as alive:
+        perform("judge")
+        assert alive.is_dir()
     assert [path.name for path in temporary.iterdir()] == ["labyrinth-season-link"]
     assert (theirs / "kept").is_dir()
+
+
+@contextmanager
+def private_folder_in(folder):
+    """Hold a temporary folder of a process that is alive."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(tempfile, "tempdir", str(folder))
+        with private_folder() as own:
+            yield own
 
 
 def busy(process):
