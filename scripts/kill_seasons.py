@@ -24,6 +24,7 @@ import time
 from collections import Counter
 from pathlib import Path
 
+import safetensors.torch  # noqa: F401  Imported before forking, so that each stage starts at once.
 from kill_matrix import clear_memory, finish, hashes, started
 
 from pipeline.config.run import Run, RunConfig, resolve
@@ -38,7 +39,7 @@ NAME = "2026-a"
 def run_in(folder: Path, stage: str) -> Run:
     """Return the run of a stage whose seasons, log and temporary files are in a folder."""
     season = SeasonOptions(NAME, str(folder / "seasons"), "2026-11-30", str(POLICY))
-    fixed = {"stages": [stage], "size": "3", "labyrinths": 32, "random_steps": 5, "workers": 1}
+    fixed = {"stages": [stage], "size": "3", "labyrinths": 16, "random_steps": 5, "workers": 1}
     return resolve(RunConfig(**fixed, data_dir=str(folder / "data"), season=season))
 
 
@@ -73,8 +74,11 @@ def kill_stage(stage: str, before: Path, kills: int, rng: random.Random, left: l
         phase = "with a copy of the test" if copies else "before a copy of the test was made"
         if not copies and changed:
             phase = "after files of the season were written"
-        phases["after the end, not counted" if ended else phase] += 1
-        wrong += not ends_right(stage, killed, names)
+        phase = "after the end, not counted" if ended else phase
+        phases[phase] += 1
+        right_now = ends_right(stage, killed, names)
+        wrong += not right_now
+        print(f"{stage} killed {phase}: {'right' if right_now else 'WRONG'} in the end", flush=True)
     print(f"{kills} kills of {stage}: {wrong} wrong in the end; {dict(phases)}", flush=True)
     return not wrong
 

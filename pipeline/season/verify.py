@@ -62,11 +62,9 @@ def _refused(entry: Any, before: list[Any]) -> str | None:
         check_row(entry)
     except ValueError as error:
         return one_line(error)
-    names = ("submission", "commit", "files")
-    same = (
-        isinstance(each, dict) and all(each.get(n) == entry[n] for n in names) for each in before
-    )
-    return "it is in the list twice" if any(same) else None
+    about = {name: entry[name] for name in ("submission", "commit", "files")}
+    twice = any(isinstance(each, dict) and each | about == each for each in before)
+    return "it is in the list twice" if twice else None
 
 
 def _unlisted(place: Place, entries: list[Any]) -> list[str]:
