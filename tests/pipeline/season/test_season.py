@@ -191,7 +191,7 @@ import sys
 from pathlib import Path
 
 tests = Path(sys.argv[2])
-sys.path[:0] = map(str, [tests.parent, tests / "support"])
+sys.path[:0] = map(str, [tests.parent, tests / "support", tests / "pipeline" / "season"])
 from huggingface_hub import HfApi
 from making import run_of
 from policies import lay_out_released
