@@ -37,13 +37,14 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
+from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import joblib  # noqa: F401  Imported before forking, so that each build starts at once.
 import pyarrow.parquet  # noqa: F401
 
-from pipeline.config.run import Run, RunConfig, resolve
+from pipeline.config.run import STAGES, Run, RunConfig, resolve
 from pipeline.generation import build
 from pipeline.machinery.executor import cluster
 
@@ -110,7 +111,7 @@ def started(run: Run, left: list[str]) -> Iterator[int]:
 
 
 def perform(run: Run) -> None:
-    """Build in a forked process, and exit."""
+    """Build, or perform another stage, in a forked process, and exit."""
     status = 1
     try:
         os.setpgid(0, 0)
@@ -118,9 +119,13 @@ def perform(run: Run) -> None:
         log = os.open(log_of(run), os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
         os.dup2(log, 1)
         os.dup2(log, 2)
+        (stage,) = run.options.stages
         cells = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
         with cluster(run.options.executor, run.options.workers):
-            build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
+            if stage == "build":
+                build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
+            else:
+                import_module(STAGES[stage]).run(run)
         status = 0
     except BaseException:
         traceback.print_exc()

@@ -217,8 +217,12 @@ def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episod
 # Any policy.
 
 
+class UnrepeatableError(PolicyError):
+    """A policy without memory answers the same observations differently."""
+
+
 def require_repeatable(player: Player, arrays: LabyrinthArrays, advice: str) -> None:
-    """Raise a PolicyError if two calls of a policy without memory differ.
+    """Raise an UnrepeatableError if two calls of a policy without memory differ.
 
     `advice` says what to do with a policy that draws at random.
     """
@@ -226,7 +230,7 @@ def require_repeatable(player: Player, arrays: LabyrinthArrays, advice: str) -> 
     some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
     first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
     if not np.array_equal(first, second):
-        raise PolicyError(
+        raise UnrepeatableError(
             f"the policy answers the same observations differently: {advice}, or reset(count) and "
             "act(observations) if it remembers"
         )

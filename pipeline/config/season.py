@@ -10,6 +10,10 @@ from pipeline.config.option import LOCAL_FOLDER, check_options, option
 
 SEASON_STAGES = ("season", "judge", "reveal", "verify")
 
+_PART = r"(?!\.{1,2}(?:[/@]|\Z))[A-Za-z0-9._+=-]+"
+SUBMISSION = rf"(?!.*\.zip$)(?:[A-Za-z]:|~)?/?{_PART}(?:/{_PART})*(?:@{_PART}(?:/{_PART})*)?"
+"""The names of submissions, without `.` and `..` and in ASCII, so that no two names look alike."""
+
 
 @dataclass(frozen=True)
 class SeasonOptions:
@@ -31,8 +35,9 @@ class SeasonOptions:
         "policy to judge: user/model@revision on the Hub, the folder of a run or of a policy, or "
         "an ONNX graph; after a folder or a file, @ and the SHA-256 of its weights pin them",
         like=(
-            r"((?!.*\.zip$)[^@\x00-\x1f]+(@[\w./-]+)?)?",
-            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx",
+            rf"({SUBMISSION})?",
+            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx, "
+            "spelt with A to Z, a to z, 0 to 9 and ._+=- between single slashes, without . and ..",
         ),
     )
 

@@ -154,7 +154,7 @@ def test_an_option_of_a_group_that_went_is_told_by_its_name() -> None:
     assert refused("analysis.seeds=4") == f"analysis.seeds was removed: {GONE['analysis']}"
 
 
-@pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "season=x", "buckets=[3]"])
+@pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "export=x", "buckets=[3]"])
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
     with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):
         composed(argument)
