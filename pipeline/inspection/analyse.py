@@ -11,6 +11,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
@@ -20,7 +21,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from labyrinth_core.data.dataset import why_unavailable
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.rows import readable
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
@@ -29,6 +30,7 @@ from labyrinth_core.language.collection import KINDS, files_in, is_collection, r
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.run import Run
+from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content
 from pipeline.inspection.leakage import (
     NEAR,
@@ -254,6 +256,9 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
             return found
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
+    if rows:  # `datasets` reads it without limits.
+        with suppress(FileNotFoundError):
+            front_matter.read_any(path / "README.md")
     # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
@@ -301,7 +306,7 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     limit_silence()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks up names.
+    except (*UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
         reason = why_unavailable(source, error)
         if isinstance(error, yaml.YAMLError):
             reason = f"{source}: the front matter of its README.md cannot be read"

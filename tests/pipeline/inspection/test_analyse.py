@@ -241,3 +241,18 @@ def test_a_source_without_labyrinths_is_refused_in_one_line(
         certified(make_run, name, tmp_path)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize("added", ["x: &x {a: *x}", "x: !!timestamp abc", "x: [", "1: x"])
+def test_a_source_whose_front_matter_cannot_be_read_is_refused_in_one_line(
+    small_dataset, make_run, tmp_path, added
+):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    texts = labyrinths(small_dataset.folder, "train")
+    pq.write_table(table_of(texts), folder / "train.parquet")
+    info = "dataset_info:\n  features:\n  - name: info\n    dtype: string\n"
+    (folder / "README.md").write_text(f"---\n{info}{added}\n---\n")
+    with pytest.raises(DatasetError, match="cannot be read") as caught:
+        certified(make_run, folder, tmp_path)
+    assert "\n" not in str(caught.value)
