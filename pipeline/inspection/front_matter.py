@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Mapping, Sequence
@@ -256,9 +257,9 @@ def read_any(path: AnyPath) -> tuple[Any, str]:
         DatasetError: It cannot be read, or exceeds a limit.
         FileNotFoundError: There is no README.md.
     """
-    with path.open(encoding="utf-8") as file:
+    with path.open("rb") as file:
         try:
-            content = file.read(MOST_TEXT + 1)
+            content = io.TextIOWrapper(file, encoding="utf-8").read(MOST_TEXT + 1)
         except UnicodeDecodeError as error:
             raise DatasetError(f"{path} is not UTF-8 text") from error
     if len(content) > MOST_TEXT:
@@ -292,7 +293,8 @@ def _parsed(front: str) -> Any:
             if node.tag != "tag:yaml.org,2002:str" and len(node.value) > LONGEST_NUMBER:
                 raise ValueError(f"a number of more than {LONGEST_NUMBER} characters")
         else:
-            inner = chain.from_iterable(node.value) if node.id == "mapping" else node.value
+            is_mapping = isinstance(node, yaml.MappingNode)
+            inner = chain.from_iterable(node.value) if is_mapping else node.value
             nodes += [(each, depth + 1) for each in inner]
     return None if root is None else loader.construct_document(root)
 
