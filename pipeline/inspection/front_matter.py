@@ -257,9 +257,9 @@ def read_any(path: AnyPath) -> tuple[Any, str]:
         DatasetError: It cannot be read, or exceeds a limit.
         FileNotFoundError: There is no README.md.
     """
-    with path.open("rb") as file:
+    with io.TextIOWrapper(path.open("rb"), encoding="utf-8") as file:
         try:
-            content = io.TextIOWrapper(file, encoding="utf-8").read(MOST_TEXT + 1)
+            content = file.read(MOST_TEXT + 1)
         except UnicodeDecodeError as error:
             raise DatasetError(f"{path} is not UTF-8 text") from error
     if len(content) > MOST_TEXT:
