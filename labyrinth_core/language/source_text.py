@@ -176,6 +176,11 @@ def printable(text: str) -> str:
     )
 
 
+def printable_line(text: str) -> str:
+    """Escape all characters of a text that do not print, line breaks too, as in names of files."""
+    return printable(text).replace("\n", "\\n")
+
+
 def escape_output() -> None:
     """Make stdout and stderr escape what they cannot encode, so that no message fails.
 

@@ -27,6 +27,7 @@ from labyrinth_core.data.rows import readable
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.run import Run
@@ -249,7 +250,8 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     path = Path(source).expanduser()
     if path.is_file() and not is_collection(path):
         raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
-    rows = path.is_dir() and any(file.suffix == ".parquet" for file in files_in(path))
+    files = files_in(path) if path.is_dir() else []
+    rows = any(file.suffix == ".parquet" for file, _ in files)
     if path.is_file() or (path.is_dir() and not rows):
         found = _in_files(path)
         if found.splits:
@@ -263,7 +265,8 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
-    return Elsewhere(splits, {}, (), config)
+    problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
+    return Elsewhere(splits, {}, problems, config)
 
 
 def _in_files(path: Path) -> Elsewhere:

@@ -188,6 +188,25 @@ def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_p
     assert sum("a gap in the outer wall" in line for line in lines) == 9
 
 
+@pytest.mark.parametrize("kind", ["labyrinth", "parquet"])
+def test_a_link_that_leads_nowhere_is_told_after_the_rest_is_certified(
+    small_dataset, make_run, tmp_path, capsys, kind
+):
+    folder = tmp_path / "mine"
+    (folder / "train").mkdir(parents=True)
+    texts = labyrinths(small_dataset.folder, "train")
+    if kind == "parquet":
+        pq.write_table(table_of(texts), folder / "train" / "0.parquet")
+    else:
+        (folder / "train" / "0.labyrinth").write_text(texts[0])
+    (folder / "test").mkdir()
+    (folder / "test" / f"1.{kind}").symlink_to("/unplugged")
+    problem = rf"^1 labyrinths or files .* the first: \S*/test/1\.{kind}: a link that leads nowhere"
+    with pytest.raises(DatasetError, match=problem):
+        certified(make_run, folder, tmp_path)
+    assert "Leakage: " in capsys.readouterr().out
+
+
 def test_a_dataset_in_parquet_is_certified_as_our_own_is(analysed, make_run, tmp_path):
     run_on(make_run, analysed.parent)
     own = json.loads((analysed / ANALYSIS).read_bytes())
