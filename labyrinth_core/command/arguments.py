@@ -8,7 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, parse_size, printable
+from labyrinth_core.language.source_text import (
+    LabyrinthSyntaxError,
+    parse_size,
+    printable,
+    printable_line,
+)
 from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
 
@@ -30,13 +35,15 @@ def explain(error: Exception) -> None:
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename is not None else ""
         message = where + (error.strerror or message)
-    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
-    print(printable(program + message), file=sys.stderr)
+    if isinstance(error, LabyrinthSyntaxError):
+        print(printable(message), file=sys.stderr)  # It has several lines.
+    else:
+        print(printable_line(f"labyrinth: {message}"), file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        self.exit(1, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
+        self.exit(1, f"{self.prog}: {printable_line(message)} (see {self.prog} --help)\n")
 
 
 def _size(text: str) -> tuple[int, int]:

@@ -17,7 +17,7 @@ from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
+from labyrinth_core.language.source_text import MAX_TEXT, decode, printable_line, read_text
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
@@ -65,7 +65,7 @@ def _check(options: Namespace) -> int:
             status = 1
             continue
         moves = _counted(len(_optimal(labyrinth)), "move")
-        print(f"{printable(file)}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
+        print(f"{printable_line(file)}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
     return status
 
 

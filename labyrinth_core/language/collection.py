@@ -122,14 +122,15 @@ def read_collection(path: str | Path) -> Iterator[Entry]:
 
 def _entries(file: Path, kind: str, split: str, problem: str) -> Iterator[Entry]:
     """Yield the labyrinths of a file, or its problem; `kind` is its suffix in lower case."""
-    place = printable_line(str(file))  # A file name can hold any character.
+    name = str(file)
+    place = printable_line(name)  # A file name can hold any character.
     if problem:
         yield Entry(split, place, None, f"{place}: {problem}")
         return
     try:
         data = _bytes(file)
         if kind == ".labyrinth":
-            yield _entry(split, place, lambda: parse(decode(data, place), file=place))
+            yield _entry(split, place, lambda: parse(decode(data, name), file=name))
         else:
             for index, read in _in_array(_array(data)):
                 yield _entry(split, place + index, read)

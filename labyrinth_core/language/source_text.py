@@ -61,7 +61,8 @@ class LabyrinthSyntaxError(ValueError):
         return cls(message, file, line, column, source_line, expected, found)
 
     def __str__(self) -> str:
-        message = f"{self.file or '<text>'}:{self.line}:{self.column}: {self.message}"
+        file = printable_line(self.file or "<text>")  # A file name can hold any character.
+        message = f"{file}:{self.line}:{self.column}: {self.message}"
         if self.expected is not None:
             message += f": expected {self.expected}"
         if self.found is not None:

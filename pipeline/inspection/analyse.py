@@ -317,7 +317,8 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
             reason = source
         raise DatasetError(f"{reason}: {one_line(error)}") from error
     if config is None and (default := next(iter(splits.values())).config_name) != "default":
-        say(f"{source}: default config {default}; leakage.config selects another.")
+        named = printable_line(f"{source}: default config {default}")  # Named in its README.md.
+        say(f"{named}; leakage.config selects another.")
         config = default
     return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
 

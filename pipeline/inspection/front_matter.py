@@ -23,6 +23,7 @@ from labyrinth_core.evaluation.questions import (
     question_splits,
     questions_config,
 )
+from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
@@ -309,9 +310,10 @@ def _are_ours(configs: object) -> bool:
 
 
 def licence_of(values: Mapping[str, Any]) -> str:
-    """Return the licence in a front matter; several are joined by commas."""
+    """Return the licence in a front matter, in one line; several are joined by commas."""
     licence = values.get("license") or LICENCE
-    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
+    names = licence if isinstance(licence, list) else [licence]
+    return printable_line(", ".join(map(str, names)))
 
 
 def _text(manifests: list[Manifest]) -> str:

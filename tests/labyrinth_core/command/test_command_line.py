@@ -249,6 +249,23 @@ def test_no_name_of_a_file_colours_or_clears_the_terminal(run, tmp_path):
     assert r"\x1b[2J" in run("\x1b[2J")[2]
 
 
+def test_no_name_of_a_file_forges_a_line_of_the_terminal(run, tmp_path):
+    folder = tmp_path / "a\nfile: ok"
+    folder.mkdir()
+    file = folder / "1.labyrinth"
+    spelt = rf"{tmp_path}/a\nfile: ok"
+    assert run("check", file)[2].count("\n") == 1
+    file.write_bytes(Path(NAVIGATION).read_bytes())
+    assert run("check", file)[1].count("\n") == 1
+    (folder / "2.labyrinth").write_text("nonsense", encoding="utf-8")
+    assert run("check", folder / "2.labyrinth")[2].startswith(f"{spelt}/2.labyrinth:1:1: ")
+    _, out, err = run("convert", folder, "--output", tmp_path / "new\nline")
+    assert (out.count("\n"), err.count("\n")) == (1, 1)
+    _, out, err = run("convert", folder, "--output", folder)
+    assert (out, err.count("\n")) == ("", 1)
+    assert run("a\nb")[2].count("\n") == 1
+
+
 def test_standard_output_that_the_shell_has_closed_changes_nothing():
     command = f"{shlex.join([*COMMAND, 'check', str(NAVIGATION)])} >&-"
     result = subprocess.run(command, shell=True, stderr=subprocess.PIPE, timeout=60)
