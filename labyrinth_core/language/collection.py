@@ -10,6 +10,7 @@ import os
 import re
 import stat
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tokenize import TokenError
@@ -31,6 +32,8 @@ KINDS = (".labyrinth", ".npy")
 ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
 """The suffixes of archives, which have to be unpacked first."""
 
+
+_LINKED = "a link leads to another file here, whose content is not quoted"
 
 _ERRORS_OF_NUMPY = (
     *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError),
@@ -111,28 +114,37 @@ def read_collection(path: str | Path) -> Iterator[Entry]:
     path = Path(path)
     path.stat()  # Raises if it does not exist.
     folder = path if path.is_dir() else path.parent
-    name = path.resolve().name if path.is_dir() else path.stem
+    real = path.resolve()
+    name = real.name if path.is_dir() else path.stem
     for file, problem in files_in(path) if path.is_dir() else [(path, "")]:
         kind = file.suffix.lower()
+        linked = file != path and os.path.realpath(file) != str(real / file.relative_to(path))
         if problem or kind in KINDS + ARCHIVES:
             (first, *rest) = file.relative_to(folder).parts or (name,)
             split = first if rest else (name if kind == ".labyrinth" else Path(first).stem)
-            yield from _entries(file, kind, _safe(split), problem)
+            place = printable_line(str(file))  # A file name can hold any character.
+            if problem:
+                yield Entry(_safe(split), place, None, f"{place}: {problem}")
+            else:
+                yield from _entries(file, kind, _safe(split), place, quotes=not linked)
 
 
-def _entries(file: Path, kind: str, split: str, problem: str) -> Iterator[Entry]:
-    """Yield the labyrinths of a file, or its problem; `kind` is its suffix in lower case."""
-    name = str(file)
-    place = printable_line(name)  # A file name can hold any character.
-    if problem:
-        yield Entry(split, place, None, f"{place}: {problem}")
-        return
+def _entries(file: Path, kind: str, split: str, place: str, *, quotes: bool) -> Iterator[Entry]:
+    """Yield the labyrinths of a file.
+
+    Args:
+        file: The file.
+        kind: Its suffix in lower case.
+        split: The split that its labyrinths belong to.
+        place: Its name, for messages.
+        quotes: Whether a problem may quote the file, which may be any file if links lead to it.
+    """
     try:
         data = _bytes(file)
         if kind == ".labyrinth":
-            yield _entry(split, place, lambda: parse(decode(data, name), file=name))
+            yield _entry(split, place, lambda: _parse(data, str(file), quotes=quotes))
         else:
-            for index, read in _in_array(_array(data)):
+            for index, read in _in_array(_array(data, quotes=quotes)):
                 yield _entry(split, place + index, read)
     except OSError as error:
         yield Entry(split, place, None, f"{place}: {_reason(file, error)}")
@@ -180,12 +192,23 @@ def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth
         )
 
 
-def _array(data: bytes) -> NDArray[Any]:
+def _parse(data: bytes, name: str, *, quotes: bool) -> Labyrinth:
+    """Return the labyrinth in the bytes of a text."""
+    try:
+        return parse(decode(data, name), file=name)
+    except LabyrinthSyntaxError as error:
+        if quotes:
+            raise
+        raise replace(error, message=_LINKED, expected=None, found=None) from None
+
+
+def _array(data: bytes, *, quotes: bool) -> NDArray[Any]:
     """Return the booleans or numbers in the bytes of a .npy file."""
     try:
         array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
     except _ERRORS_OF_NUMPY as error:
-        raise ValueError(f"the array cannot be read: {error}") from error
+        reason = str(error) if quotes else _LINKED
+        raise ValueError(f"the array cannot be read: {reason}") from error
     if not array.size:
         raise ValueError(f"an empty array of shape {array.shape}")
     if array.dtype.kind not in "biuf":

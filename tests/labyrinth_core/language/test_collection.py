@@ -3,6 +3,7 @@
 import errno
 import os
 import pickle
+import re
 import struct
 from pathlib import Path
 
@@ -205,3 +206,20 @@ def test_no_more_is_read_than_may_be(tmp_path, monkeypatch):
         "/a.npy: it has more than 1,000 bytes",
         LABYRINTH,
     ]
+
+
+def test_no_problem_quotes_a_file_outside_the_folder_that_a_link_leads_to(tmp_path):
+    folder = tmp_path / "mine"
+    (folder / "train").mkdir(parents=True)
+    secret = tmp_path / "key"
+    for content in (b"hunter2 is the password", b"hunter2\n", b"hunter2: true", b"\xffhunter2"):
+        secret.write_bytes(content)
+        for name in ("a.labyrinth", "b.npy"):
+            (folder / "train" / name).unlink(missing_ok=True)
+            (folder / "train" / name).symlink_to(secret)
+        problems = [entry.problem for entry in read_collection(folder)]
+        assert len(problems) == 2
+        assert not any(re.search("hunt|0xff", problem) for problem in problems)
+    (folder / "train" / "own.labyrinth").write_bytes(b"hunter2 is here")
+    (*_, entry) = read_collection(folder)
+    assert "found 'hunter2'" in entry.problem
