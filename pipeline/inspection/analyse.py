@@ -195,9 +195,21 @@ def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator
         yield "Leakage:"
         yield from found
     else:
-        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
+        yield "Leakage: no structure is in two splits, and none is repeated."
+        yield f"Mirrored with start and goal kept: none.{_turned(leakage)}"
     if leakage.cut:
         yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+
+def _turned(leakage: Leakage) -> str:
+    """Say how many structures of each split are rotated or reflected ones of another split."""
+    found: dict[str, list[str]] = {}
+    for each in leakage.pairs:
+        if each.symmetric:
+            counts = found.setdefault(each.pair.first, [])
+            counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
+    told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in found.items())
+    return f"\nTurned: {told}." if found else " Turned: none."
 
 
 def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:

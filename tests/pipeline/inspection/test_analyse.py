@@ -53,8 +53,15 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     assert len(shift["measures"]) == 36
     assert {test["labyrinths"][0] for test in shift["measures"]} == {8}
     shown = capsys.readouterr().out.splitlines()
+    counts = [len(pair["symmetric"]) for pair in leakage["pairs"]]
+    assert counts == [1, 0, 0]
+    turned = [
+        "Mirrored with start and goal kept: none.",
+        "Turned: 1 of validation in train.",
+    ]
     assert shown == [
-        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
+        "Leakage: no structure is in two splits, and none is repeated.",
+        *turned,
         f"{analysed / ANALYSIS} has near-twins and tests of shift.",
     ]
 
