@@ -111,11 +111,12 @@ def parser() -> argparse.ArgumentParser:
     check = command("check", text)
     text = (
         "Print a labyrinth, in colour on a terminal, or make a picture of it. Without --solution "
-        "the plain text is the canonical form of the file."
+        "the plain text is the canonical form of the file. A labyrinth without a route is drawn, "
+        "too; the reason is shown, and the exit status is 1."
     )
     show = command("show", text)
     solve = command("solve", "Print a shortest route as the actions to take.")
-    new = command("new", "Draw a random labyrinth and print its text.")
+    new = command("new", "Draw a random or blank labyrinth and print its text.")
     text = (
         "Print a labyrinth in another format as text. A file that ends in .npy holds wall grids or "
         "mazes of maze-dataset; a folder holds several files; any other file is a list of edges."
@@ -148,6 +149,9 @@ def parser() -> argparse.ArgumentParser:
     new.add_argument("--task", type=_task, default=Task.NAVIGATION, metavar="TASK", help=text)
     text = "the same seed makes the same labyrinth (default: a random seed)"
     new.add_argument("--seed", type=_whole(0), metavar="N", help=text)
+    new.add_argument(
+        "--blank", action="store_true", help="no walls and no tiles: a drawing to edit by hand"
+    )
     text = "how the spanning tree is drawn: wilson, depth_first, kruskal or prim"
     text = f"{text} (default: %(default)s)"
     new.add_argument("--sampler", default="wilson", metavar="NAME", help=text)
