@@ -50,11 +50,23 @@ def die_once(marker: Path) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def wait_for(marker: Path, item: int) -> int:
+    """Return an item when a file is there."""
+    while not marker.exists():
+        time.sleep(0.01)
+    return item
+
+
 def made_at_last(marker: Path, job: generation.ShardJob) -> Shard:
-    """Make a shard, but the worker that has the one of `s0` dies, the first time."""
+    """Make a shard, but the worker that has the one of `s0` dies once that of train is made."""
+    train = marker.with_name("train-is-made")
     if job.split == "s0":
+        wait_for(train, 0)  # On a busy machine the other worker may be late.
         die_once(marker)
-    return make_shard(job)
+    shard = make_shard(job)
+    if job.split == "train":
+        train.touch()
+    return shard
 
 
 def always_die(_item: int) -> None:
@@ -62,13 +74,6 @@ def always_die(_item: int) -> None:
 
 
 # This machine.
-
-
-def wait_for(marker: Path, item: int) -> int:
-    """Return an item when a file is there."""
-    while not marker.exists():
-        time.sleep(0.01)
-    return item
 
 
 def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
