@@ -284,7 +284,7 @@ def _checked(action: int | np.int64) -> int:
     """
     if type(action) is int:
         number = action
-    elif "bool" in str(getattr(action, "dtype", type(action))) or getattr(action, "ndim", 0):
+    elif "bool" in str(getattr(action, "dtype", type(action))) or getattr(action, "ndim", 0) > 0:
         number = -1
     else:
         try:
