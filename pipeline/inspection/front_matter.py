@@ -273,6 +273,9 @@ def read_any(path: AnyPath) -> tuple[Any, str]:
     except (*MALFORMED, ArithmeticError, yaml.YAMLError) as error:  # PyYAML raises all of these.
         told = isinstance(error, (ValueError, yaml.YAMLError))
         reason = one_line(error) if told else "a value does not fit its type, or nests too deep"
+        if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+            line = error.problem_mark.line + 2  # Below the fence, counted from 1.
+            reason = f"line {line}: {' '.join(str(error.problem).split())}"
         raise DatasetError(f"{path}: its front matter cannot be read ({reason:.200})") from error
 
 
