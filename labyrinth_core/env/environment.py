@@ -282,8 +282,8 @@ def _checked(action: int | np.int64) -> int:
 
     Booleans, and arrays or tensors with axes, are refused, also with a single element.
     """
-    if type(action) is int:
-        number = action
+    if type(action) in (int, np.int64):  # The usual ones, without a further look.
+        number = index(action)
     elif "bool" in str(getattr(action, "dtype", type(action))) or getattr(action, "ndim", 0) > 0:
         number = -1
     else:
