@@ -146,7 +146,8 @@ def _error_of(config: DictConfig) -> str | None:
             getattr(stage, "refuse", lambda _: None)(run)
         answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
         show_start(started=True)
-        with cluster(options.executor, options.workers, options.executor_address):
+        place = options.executor_address, options.executor_wait
+        with cluster(options.executor, options.workers, *place):
             for stage in stages:
                 stage.run(run)
         for line in hints(run, given, _flags()):

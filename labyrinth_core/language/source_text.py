@@ -63,7 +63,8 @@ class LabyrinthSyntaxError(LabyrinthError):
         return cls(message, file, line, column, source_line, expected, found)
 
     def __str__(self) -> str:
-        message = f"{self.file or '<text>'}:{self.line}:{self.column}: {self.message}"
+        file = printable_line(self.file or "<text>")  # A file name can hold any character.
+        message = f"{file}:{self.line}:{self.column}: {self.message}"
         if self.expected is not None:
             message += f": expected {self.expected}"
         if self.found is not None:
@@ -176,6 +177,11 @@ def printable(text: str) -> str:
     return "".join(
         char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
     )
+
+
+def printable_line(text: str) -> str:
+    """Escape all characters of a text that do not print, line breaks too, as in names of files."""
+    return printable(text).replace("\n", "\\n")
 
 
 def escape_output() -> None:

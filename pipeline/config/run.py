@@ -85,6 +85,9 @@ class PlaceOptions:
     executor_address: str | None = option(
         None, "address of a running Dask cluster; without it, one is started for the run"
     )
+    executor_wait: int = option(
+        600, "most seconds to wait for the first worker of that cluster", at_least=1
+    )
     part: str = option(
         "",
         "part of a build to make, such as 3/64, while other processes make other parts in the "

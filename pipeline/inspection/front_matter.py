@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from typing import Any
 
 import yaml
 
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard
 from labyrinth_core.data.splits import SPLITS
@@ -21,6 +23,7 @@ from labyrinth_core.evaluation.questions import (
     question_splits,
     questions_config,
 )
+from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
@@ -31,6 +34,12 @@ TABLE_SPLIT = "labyrinths"
 
 LICENCE = "mit"
 """The default licence of a dataset, as the Hub spells it."""
+
+MOST_TEXT, MOST_FRONT = 1 << 24, 1 << 18
+"""The most characters of a README.md and of its front matter, which PyYAML reads in 3 s."""
+MOST_VALUES, DEEPEST, LONGEST_NUMBER = 50_000, 20, 100
+"""The most values of a front matter, with its aliases written out; the most levels of nesting; and
+the most characters of a number or date."""
 
 _FENCE = "---\n"
 _CONFIG_NAME = re.compile(r"\d+x\d+(-\w+)?", re.ASCII)
@@ -229,22 +238,69 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """Return the front matter of a README.md and the text below it; defaults without a file.
 
     Raises:
-        DatasetError: The README.md is not a dataset's.
+        DatasetError: The README.md is not a dataset's, or its front matter cannot be read.
     """
     try:
-        content = path.read_text(encoding="utf-8")
+        values, text = read_any(path)
     except FileNotFoundError:
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
-    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
-    try:
-        values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
-    except yaml.YAMLError:
-        values = None
+    except DatasetError as error:
+        raise DatasetError(f"{error}: correct it, or choose another data_dir") from error
     if not isinstance(values, dict) or not _are_ours(values.get("configs")):
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
+
+
+def read_any(path: AnyPath) -> tuple[Any, str]:
+    """Return the values of the front matter of anyone's README.md, None without one, and the text.
+
+    Raises:
+        DatasetError: It cannot be read, or exceeds a limit.
+        FileNotFoundError: There is no README.md.
+    """
+    with io.TextIOWrapper(path.open("rb"), encoding="utf-8") as file:
+        try:
+            content = file.read(MOST_TEXT + 1)
+        except UnicodeDecodeError as error:
+            raise DatasetError(f"{path} is not UTF-8 text") from error
+    if len(content) > MOST_TEXT:
+        raise DatasetError(f"{path} has over {MOST_TEXT:,} characters")
+    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
+    if not (content.startswith(_FENCE) and closing):
+        return None, content
+    try:
+        return _parsed(front), text
+    except (*MALFORMED, ArithmeticError, yaml.YAMLError) as error:  # PyYAML raises all of these.
+        told = isinstance(error, (ValueError, yaml.YAMLError))
+        reason = one_line(error) if told else "a value does not fit its type, or nests too deep"
+        if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+            line = error.problem_mark.line + 2  # Below the fence, counted from 1.
+            reason = f"line {line}: {' '.join(str(error.problem).split())}"
+        raise DatasetError(f"{path}: its front matter cannot be read ({reason:.200})") from error
+
+
+def _parsed(front: str) -> Any:
+    """Return the values of a front matter; its limits are checked before a value is made."""
+    if len(front) > MOST_FRONT:
+        raise ValueError(f"{len(front):,} characters, more than {MOST_FRONT:,}")
+    loader = yaml.SafeLoader(front)
+    root = loader.get_single_node()
+    values = 0
+    nodes = [] if root is None else [(root, 1)]
+    while nodes:
+        node, depth = nodes.pop()
+        values += 1
+        if values > MOST_VALUES or depth > DEEPEST:
+            raise ValueError(f"more than {MOST_VALUES:,} values, or nested deeper than {DEEPEST}")
+        if isinstance(node, yaml.ScalarNode):
+            node.value.encode()  # Raises for a surrogate, which no file can hold.
+            if node.tag != "tag:yaml.org,2002:str" and len(node.value) > LONGEST_NUMBER:
+                raise ValueError(f"a number of more than {LONGEST_NUMBER} characters")
+        else:
+            is_mapping = isinstance(node, yaml.MappingNode)
+            inner = chain.from_iterable(node.value) if is_mapping else node.value
+            nodes += [(each, depth + 1) for each in inner]
+    return None if root is None else loader.construct_document(root)
 
 
 def _are_ours(configs: object) -> bool:
@@ -257,9 +313,10 @@ def _are_ours(configs: object) -> bool:
 
 
 def licence_of(values: Mapping[str, Any]) -> str:
-    """Return the licence in a front matter; several are joined by commas."""
+    """Return the licence in a front matter, in one line; several are joined by commas."""
     licence = values.get("license") or LICENCE
-    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
+    names = licence if isinstance(licence, list) else [licence]
+    return printable_line(", ".join(map(str, names)))
 
 
 def _text(manifests: list[Manifest]) -> str:

@@ -42,7 +42,8 @@ Key = Mapping[str, Any]
 """The inputs that determine an artifact, in JSON types."""
 
 _OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
-_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Only inside it.
+_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|\w:|.*(?:\.\./|\\))(\S.*)$", re.MULTILINE)
+"""A line of the list; its name is of a file inside the folder, on Windows too."""
 
 _LITTER = (
     *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),

@@ -104,8 +104,10 @@ def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
     """Yield the submitted results, without those that `stages=results` copied there."""
-    for path in files_in(results_dir / SUBMISSIONS) if results_dir else ():
+    for path, reason in files_in(results_dir / SUBMISSIONS) if results_dir else ():
         try:
+            if reason:
+                raise DatasetError(f"{path}: {reason}")
             if path.suffix == ".json" and path.read_bytes() not in others:
                 yield Results.load(path, of)
         except DatasetError as error:

@@ -146,11 +146,12 @@ def read_all(
     runs: dict[Path, Results] = {}
     submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
-    refused = []
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
     submitted = files_in(results_dir / SUBMISSIONS)
-    for path in sorted({*new, *of_runs, *(path for path in submitted if path.suffix == ".json")}):
+    refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
+    files = (path for path, reason in submitted if path.suffix == ".json" and not reason)
+    for path in sorted({*new, *of_runs, *files}):
         is_run = path.is_relative_to(results_dir / RUNS)
         place = (path.parent.name, path.stem) if is_run else None
         try:

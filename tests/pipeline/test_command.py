@@ -166,10 +166,12 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
     *lines, last = run(tmp_path, "size=3", "workers=2").stdout.splitlines()
     assert len(lines) < 24
     assert all(len(line) <= 80 for line in lines)
-    assert lines[-5:] == [
+    assert lines[-7:] == [
         "To load it: load_dataset('data/labyrinth', '3x3')",
         "data/labyrinth/3x3 is valid: 4,052 rows replayed.",
-        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
+        "Leakage: no structure is in two splits, and none is repeated.",
+        "Mirrored with start and goal kept: none.",
+        "Turned: 15 of validation and 12 of test in train; 10 of test in validation.",
         "Wrote data/labyrinth/3x3/analysis.json (near-duplicates, tests of shift).",
         "data/labyrinth/README.md describes 3x3.",
     ]

@@ -14,10 +14,11 @@ from brute_force import Place, fewest_moves, is_connected
 from read_from_text import Shown, shown
 from tampering import problems, replace_first
 
-from labyrinth_core.data.buckets import bucket_of, split_of
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
+from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.config.run import Run

@@ -52,6 +52,14 @@ def test_an_artifact_is_made_once_and_its_list_is_one_for_sha256sum(tmp_path: Pa
         subprocess.run([program, "--strict", "-c", HASHES], cwd=folder, check=True)
 
 
+@pytest.mark.parametrize("name", ["../x", "/x", "a/../x", r"..\x", r"C:\x", "C:x", r"\\host\x"])
+def test_no_name_in_a_list_is_of_a_file_elsewhere(tmp_path: Path, name: str) -> None:
+    make(tmp_path / "it")
+    with (tmp_path / "it" / HASHES).open("a") as file:
+        file.write(f"{'0' * 64}  {name}\n")
+    assert {name for name, _ in Sums.read(tmp_path / "it").hashes} == FILES.keys()
+
+
 def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
     folder = tmp_path / "it"
     make(folder)

@@ -401,7 +401,12 @@ def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_al
 
 
 @pytest.mark.parametrize(
-    ("licence", "named"), [("cc-by-4.0", "cc-by-4.0"), (["mit", "cc0-1.0"], "mit, cc0-1.0")]
+    ("licence", "named"),
+    [
+        ("cc-by-4.0", "cc-by-4.0"),
+        (["mit", "cc0-1.0"], "mit, cc0-1.0"),
+        ("a\x1b[2J\nb", r"a\x1b[2J\nb"),
+    ],
 )
 def test_a_licence_that_a_person_gives_is_kept_and_named_everywhere(folder, licence, named):
     path = folder / "README.md"

@@ -185,13 +185,16 @@ def test_what_was_submitted_is_shown_once_and_last_and_what_is_refused_is_named(
     shutil.copyfile(source, results / "submissions" / ".theirs.json")  # A hidden copy.
     damaged = results / "submissions" / "damaged.json"
     damaged.write_text("{}")
+    (gone := results / "submissions" / "gone.json").symlink_to("nowhere")
     shown = read_results(runs, data_dir, [Manifest.read(folder)], results)
     assert [(each["name"], each["submitted"]) for each in shown] == [
         ("Mine", False),
         ("Theirs", True),
     ]
     assert shown[1]["author"] == "A. Nonymous"
-    assert f"left out: {damaged}" in capsys.readouterr().out
+    out = capsys.readouterr().out
+    assert f"left out: {damaged}" in out
+    assert f"left out: {gone}: a link that leads nowhere" in out
 
 
 def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):

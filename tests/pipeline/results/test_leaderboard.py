@@ -122,6 +122,8 @@ def test_a_name_of_ours_or_of_another_submission_is_refused(results, run_of, sub
     }
     for name, (about, _) in reasons.items():
         submit(content_of(results["rounds"], **{"name": "other", **about}), f"{name}.json")
+    (tmp_path / "results" / "submissions" / "gone.json").symlink_to("nowhere")
+    reasons["gone"] = ({}, "a link that leads nowhere: .*")
     refused = refused_by(run_of())
     assert refused.keys() == reasons.keys()
     for name, (_, why) in reasons.items():
