@@ -5,6 +5,7 @@ A name that does not exist is answered with its likely name.
 
 from __future__ import annotations
 
+import shlex
 from typing import get_origin
 
 import pytest
