@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 import traceback
 from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
-from tempfile import gettempdir
 from typing import Any
-from uuid import uuid4
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
@@ -25,11 +22,21 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
-from pipeline.config.command_line import HYDRA, keep_texts, refusal, register
+from pipeline.config.command_line import (
+    HYDRA,
+    Folders,
+    arranged,
+    parsed,
+    refusal,
+    register,
+    shown,
+    shows_job,
+)
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import STAGES, options_of, resolve
-from pipeline.config.training import CONF
-from pipeline.machinery.console import say
+from pipeline.config.method import CONF
+from pipeline.config.run import STAGES, as_file, names_in, options_of, resolve, unused
+from pipeline.config.texts import as_given, overrides_of
+from pipeline.machinery.console import say, say_once
 from pipeline.machinery.dataset import check_there
 from pipeline.machinery.ending import (
     FAULTS_OF_DISKS,
@@ -73,94 +80,108 @@ def run_command() -> int:
     # After an abrupt exit, joblib's resource tracker would warn about what it cleans up.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
-    try:
-        # Hydra refuses options after a flag that follows others.
-        given = sorted(sys.argv[1:], key=lambda each: each not in ("-m", "--multirun"))
-        sys.argv[1:] = map(keep_texts, given)
-    except (HydraException, ConfigError) as error:
-        _explain(refusal(error))
-        return 1
-    scratch = _scratch()
-    register(scratch)
+    register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
-        perform()
+        _launch()
     except RunError:
         return 1
     except YAMLError as error:
         _explain(one_line(error))
-        return 1
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, ConfigError) as error:
         _explain(refusal(error))
-        return 1
-    except (ValueError, TypeError) as error:
-        _explain(f"invalid options: {one_line(error)}")  # Such as task=null.
-        return 1
-    finally:
-        shutil.rmtree(scratch, ignore_errors=True)
-    return 0
+    except OSError as error:
+        if error.filename is None:
+            raise
+        _explain(f"{error.filename}: {error.strerror}")  # The folder of a sweep.
+    except ValueError as error:
+        if not _is_raised_by_hydra(error):
+            raise
+        _explain(f"invalid options: {one_line(error)}")
+    else:
+        return 0
+    return 1
 
 
-def _scratch() -> Path:
-    """Return a temporary folder name for the files that Hydra writes in a sweep."""
-    try:
-        folder = gettempdir()
-    except FileNotFoundError:  # Only a sweep needs one.
-        folder = "."
-    return Path(folder) / f"labyrinth-sweep-{uuid4().hex}"
+def _launch() -> None:
+    """Let Hydra read the command line, and run `perform` or, for `--cfg job`, print its options."""
+    given = parsed(sys.argv[1:])
+    sys.argv[1:] = arranged(sys.argv[1:], given)
+    own = given.config_dir and given.config_name
+    Folders.first = str(Path(given.config_dir).absolute()) if own else None
+
+    def show(config: DictConfig) -> None:
+        config = as_given(config, overrides_of(HydraConfig.get()))
+        print(shown(config, given.package, given.resolve), end="")
+
+    task = show if shows_job(given) else perform
+    hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
 
 
-@hydra.main(**HYDRA, config_path=str(CONF.absolute()), config_name="config")
-def perform(config: DictConfig) -> None:
-    """Run the stages of one run; print its error, so that Hydra raises only its own.
+def _is_raised_by_hydra(error: Exception) -> bool:
+    """Return whether an error is about a command line that Hydra cannot use, and not a bug."""
+    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
+    return frames[-1].f_globals["__name__"].partition(".")[0] in ("hydra", "omegaconf")
+
+
+def perform(config: DictConfig) -> float | None:
+    """Run the stages of one run, and return its objective; see `_outcome`.
 
     Raises:
         RunError: A run of a sweep failed; after an exception, the sweep goes on with the others.
-        SystemExit: A single run failed.
+        SystemExit: A single run failed. It printed its error, and Hydra shall print none.
     """
-    reason = _error_of(config)
-    if reason is None:
-        return
+    try:
+        return _outcome(config)
+    except Exception as error:
+        reason = _explained(error)
     print(printable(reason), file=sys.stderr)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         raise RunError(reason)
-    raise SystemExit(1)  # For an exception, Hydra would print a line of its own.
+    raise SystemExit(1)
 
 
-def _error_of(config: DictConfig) -> str | None:
-    """Run the stages of one run, and return the error message to print, or None on success."""
+def _outcome(config: DictConfig) -> float | None:
+    """Run the stages of one run, and return what a sweep may maximise.
+
+    That is the success rate on validation of a run that trains; None for other runs.
+    """
+    given = overrides_of(HydraConfig.get())
+    typed = names_in(given)
     try:
-        options = options_of(config)
+        config = as_given(config, given)
+        options = options_of(config, given)
     except OmegaConfBaseException as error:
-        return f"error: {refusal(error)}"
-    except ConfigError as error:
-        return f"error: {error}"
-    try:
-        given = HydraConfig.get().overrides.task
-        named = {each.partition("=")[0] for each in given}
-        run = replace(resolve(options), names_dataset=not named.isdisjoint({"size", "task"}))
-        options = run.options
-        check_there(run)
-        stages = [import_module(STAGES[stage]) for stage in options.stages]
-        for stage in stages:  # A later stage refuses before the first one begins.
-            getattr(stage, "refuse", lambda _: None)(run)
-        answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
-        show_start(started=True)
-        place = options.executor_address, options.executor_wait
-        with cluster(options.executor, options.workers, *place):
-            for stage in stages:
-                stage.run(run)
-        for line in hints(run, given, _flags()):
-            say(line)
-    except Exception as error:
-        return _explained(error)
-    return None
+        raise ConfigError(refusal(error)) from error
+    run = resolve(options)
+    names_dataset = not {"size", "task"}.isdisjoint(typed)
+    run = replace(run, names_dataset=names_dataset, composed=as_file(config))
+    options = run.options
+    if lost := unused(typed, options.stages):
+        users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
+        say_once(f"No requested stage uses {'; '.join(users)}.")
+    check_there(run)
+    stages = [import_module(STAGES[stage]) for stage in options.stages]
+    for stage in stages:  # A later stage refuses before the first one begins.
+        getattr(stage, "refuse", lambda _: None)(run)
+    answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
+    show_start(started=True)
+    objective = None
+    place = options.executor_address, options.executor_wait
+    with cluster(options.executor, options.workers, *place):
+        for stage in stages:
+            found = stage.run(run)
+            objective = objective if found is None else found
+    for line in hints(run, given, _flags()):
+        say(line)
+    return objective
 
 
 def _flags() -> list[str]:
     """Return the command line's flags that choose the configuration, such as --config-dir=..."""
     used = HydraConfig.get()
-    flags = {"--config-name": used.job.config_name} if used.job.config_name != "config" else {}
+    name = used.job.config_name
+    flags = {"--config-name": name} if name != "config" or Folders.first is not None else {}
     for source in used.runtime.config_sources:
         if source.provider == "command-line":
             flags["--config-dir"] = source.path

@@ -38,9 +38,10 @@ from typing import Any
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 
-from pipeline.config.command_line import HYDRA, keep_texts, register
+from pipeline.config.command_line import HYDRA, parsed, register
+from pipeline.config.method import CONF
 from pipeline.config.run import options_of, resolve
-from pipeline.config.training import CONF
+from pipeline.config.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]
 CLONE = ("run.py", "scripts", "examples", "constraints.txt")
@@ -93,9 +94,8 @@ def words(name: str, text: str) -> list[list[str]]:
 def check_options(command: list[str]) -> None:
     """Raise an error if `run.py` refuses a command's options; of a sweep, check the first run."""
     if command[:2] == ["python", "run.py"]:
-        given = OverridesParser.create().parse_overrides(
-            [keep_texts(word) for word in command[2:] if word != "-m"]
-        )
+        typed = map(quote_texts, parsed(command[2:]).overrides)
+        given = OverridesParser.create().parse_overrides([*typed])
         values = [
             f"{each.get_key_element()}={next(each.sweep_string_iterator())}"
             if each.is_sweep_override()
@@ -103,8 +103,8 @@ def check_options(command: list[str]) -> None:
             for each in given
             if not each.is_hydra_override()
         ]
-        with initialize_config_dir(str(CONF.absolute()), **HYDRA):
-            resolve(options_of(compose("config", values)))
+        with initialize_config_dir(str(CONF), **HYDRA):
+            resolve(options_of(as_given(compose("config", values), values), values))
 
 
 def run_commands(text: str, mark: str, first: str) -> None:

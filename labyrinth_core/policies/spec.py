@@ -10,7 +10,6 @@ from dataclasses import Field, asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypeVar
 
-from labyrinth_core.data.observations import RESIZES
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
@@ -190,6 +189,8 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
+        from labyrinth_core.data.observations import RESIZES
+
         check_shape(content, {"network": None, "average": None})
         network = _read(NetworkSpec, content["network"], "network")
         name, average = network.encoder, content["average"]

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 import shlex
+from argparse import Namespace
+from collections.abc import Sequence
 from functools import cache
-from pathlib import Path
 from textwrap import TextWrapper
-from typing import Any, get_args, get_origin
+from typing import Any, ClassVar, get_args, get_origin
 
 import hydra
+from hydra._internal.utils import get_args_parser
+from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.plugins import Plugins
 from hydra.errors import MissingConfigException, OverrideParseException
-from omegaconf import OmegaConf
+from hydra.plugins.search_path_plugin import SearchPathPlugin
+from omegaconf import DictConfig, OmegaConf
 
-from pipeline.config.errors import as_typed, check, listed
-from pipeline.config.gone import instead
+from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
+from pipeline.config.method import CONF, METHODS, usual_settings
 from pipeline.config.option import schema
 from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, SECTIONS, STAGES, RunConfig
 
@@ -44,17 +47,12 @@ of Hydra itself.
 
 
 @cache
-def register(scratch: Path = Path()) -> None:
-    """Register with Hydra the schema, the text of `--help` and the output folder of a sweep.
-
-    Args:
-        scratch: The output folder of a sweep, unless the user sets `hydra.sweep.dir`.
-    """
+def register() -> None:
+    """Register with Hydra the schema, the text of `--help`, and where configurations lie."""
     store = ConfigStore.instance()
-    place = str(scratch).replace("${", "\\${")  # Not an interpolation.
-    store.store(name="scratch", package="hydra.sweep", node={"dir": place})
     node = OmegaConf.structured(schema(RunConfig))
-    OmegaConf.set_struct(node.method, False)  # Each method has settings of its own.
+    node.method = {}
+    OmegaConf.set_struct(node.method, False)  # A user's method has settings of its own.
     store.store(name="schema", node=node)
     width = max(map(len, OPTIONS))
     wrapper = TextWrapper(80, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
@@ -67,78 +65,124 @@ def register(scratch: Path = Path()) -> None:
         lines.append("")
     help_text = _HELP.format(options="\n".join(lines))
     store.store(group="hydra/help", name="options", node={"template": help_text})
+    Plugins.instance().register(Folders)
 
 
-_WORD = re.compile(
-    # A quoted value is a text already, and range(...) is a function of numbers.
-    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\w+\([^)]*\)"""
-    r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
-    re.ASCII,
-)
-"""A one-word value in Hydra's grammar; or a quoted text or a call, which stay as they are."""
+class Folders(SearchPathPlugin):
+    """Adds folders to those in which Hydra looks for configurations."""
+
+    first: ClassVar[str | None] = None
+    """A folder whose `config.yaml` is used instead of ours; None for ours."""
+
+    def manipulate_search_path(self, search_path: ConfigSearchPath) -> None:
+        if self.first is not None:
+            search_path.prepend("given", self.first, anchor="main")
+        if not any(each.path.endswith(str(CONF)) for each in search_path.get_path()):
+            search_path.append("labyrinth-datasets", str(CONF))  # With --config-path.
 
 
-def keep_texts(argument: str) -> str:
-    """Quote the texts in a command-line argument that Hydra would read as numbers or booleans.
-
-    Hydra reads `revision=1.10` as the number 1.1, and `evaluation.name=true` as True. The declared
-    type of the option tells which values are texts.
+def parsed(arguments: Sequence[str]) -> Namespace:
+    """Return the flags and, as `overrides`, the options of a command line, in any order.
 
     Raises:
-        ConfigError: An option does not exist or is written as a flag; or a group of options or the
-            method has an invalid value.
+        ConfigError: An option is written as a flag; or a group of options or the method has an
+            invalid value.
+        SystemExit: A flag does not exist, or lacks its value.
     """
-    dashed = re.match(r"--?([\w.]+)", argument)
-    check(
-        dashed is None or dashed[1] not in OPTIONS,
-        f"{argument}: give each option as name=value, without dashes, such as size=5",
-    )
-    override = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", argument, re.DOTALL)
+    for each in arguments:
+        dashed = re.match(r"--?([\w.]+)", each)
+        check(
+            dashed is None or dashed[1] not in OPTIONS,
+            f"{each}: give each option as name=value, without dashes, such as size=5",
+        )
+    given = get_args_parser().parse_intermixed_args([*arguments])
+    for each in given.overrides:
+        _check_override(each)
+    return given
+
+
+def arranged(arguments: Sequence[str], given: Namespace) -> list[str]:
+    """Return a command line with its options before its flags; Hydra takes none after a flag.
+
+    `--cfg job` is left out, because Hydra would not show texts as they are typed; the caller does.
+
+    Args:
+        arguments: The command line.
+        given: What `parsed` returned for it.
+    """
+    if shows_job(given):
+        places = ("config_path", "config_name", "config_dir")
+        named = {f"--{each.replace('_', '-')}": getattr(given, each) for each in places}
+        return [*given.overrides, *(f"{each}={value}" for each, value in named.items() if value)]
+    rest, flags = [*given.overrides], []
+    for each in arguments:
+        if rest and each == rest[0]:
+            del rest[0]
+        else:
+            flags.append(each)
+    return [*given.overrides, *flags]
+
+
+def shows_job(given: Namespace) -> bool:
+    """Return whether a command line only asks for `--cfg job`."""
+    others = ("run", "multirun", "shell_completion", "info", "help", "hydra_help")
+    return given.cfg == "job" and not any(getattr(given, each) for each in others)
+
+
+def shown(config: DictConfig, package: str | None, resolve: bool) -> str:
+    """Return a configuration as `--cfg job` shows it.
+
+    Args:
+        config: The configuration.
+        package: The group of options to show, or all.
+        resolve: Whether to show the values that references stand for.
+
+    Raises:
+        ConfigError: The configuration has no such group.
+    """
+    if resolve:
+        OmegaConf.resolve(config)
+    if package in (None, "_global_"):
+        return OmegaConf.to_yaml(config)
+    part = OmegaConf.select(config, package)
+    check(part is not None, f"--package {package}: there are no such options")
+    if not OmegaConf.is_config(part):
+        return f"{part}\n"
+    return f"# @package {package}\n{OmegaConf.to_yaml(part)}"
+
+
+def _check_override(argument: str) -> None:
+    """Raise a ConfigError about a value of a group or the method that Hydra would misunderstand."""
+    override = re.fullmatch(r"\+{0,2}([\w.]+)=(.*)", argument, re.DOTALL)
     if override is None:
-        return argument
-    start, name, value = override.groups()
-    if name == "method":  # The method's name is one of its settings.
-        one = value.strip() not in ("", "null") and not value.lstrip().startswith(("[", "{"))
-        check(one, f"method={value}: give one name, such as method={DEFAULTS[name]}")
-        return argument.replace("method=", "method.name=", 1)
+        return
+    name, value = override[1], override[2].strip()
+    one = value not in ("", "null") and not value.startswith(("[", "{"))
+    if name == "method":
+        check(one, f"{argument}: give one name, such as method=bc")
+        own = re.search(r"([\w.]+):([\w.]+)", value)
+        if own is not None:
+            typed = f"method=custom method._target_={own[1]}.{own[2]}"
+            raise ConfigError(f"method={own[0]}: for a method of your own give {typed}")
     group = any(option.startswith(f"{name}.") for option in OPTIONS)
     check(
-        not group or re.match(r"\s*[{$]", value) is not None,
+        not group or value.startswith(("{", "$")) or (name == "export" and one),
         f"{name}={value}: give its own options, as {name}.NAME=...",
     )
     above = KINDS.get(name.rpartition(".")[0])
     check(above is None or get_origin(above) is dict, _no_option(name))
-    parser = OverridesParser.create()
-
-    def quoted(match: re.Match[str]) -> str:
-        before, key, word = match["before"], match["key"], match["word"]
-        kind = KINDS.get(f"{name}.{key}" if key else name)
-        several, text = get_origin(kind) is tuple, kind in (str, str | None)
-        if word is None or not (several or text):
-            return match[0]
-        read = parser.parse_rule(word, "primitive")
-        # OmegaConf converts a number to a text, but not in a list.
-        if read is None or (str(read) == word and (text or isinstance(read, str))):
-            return match[0]
-        return f'{before}"{word}"'
-
-    # Inside choice(), Hydra strips the quotation marks and reads a number after all.
-    return start + _WORD.sub(quoted, re.sub(r"^choice\((.+)\)$", r"\1", value))
 
 
 def _no_option(name: str) -> str:
-    """Return the error message for an option that does not exist, with the options that do."""
-    gone = instead(name)
-    if gone is not None:
-        return gone
+    """Return the message about an option that does not exist: its likely name, or those known."""
     group, _, _ = name.rpartition(".")
-    known = [each for each in OPTIONS if each.startswith(f"{group}.")] or [*OPTIONS]
-    close = [each for each in known if each.endswith(f".{name}")]
-    close = close or difflib.get_close_matches(name, known, n=1)
-    hint = f"did you mean {close[0]}? " if close else ""
-    if not close and not group:
-        hint = f"for a setting of the method give method.{name}; "
-    return f"{name} is not an option: {hint}choose from {listed(known)}"
+    known = [each for each in OPTIONS if group and each.startswith(f"{group}.")]
+    message = no_option(name, known or OPTIONS)
+    if known or "did you mean" in message:
+        return message
+    if any(name in usual_settings(method) for method in METHODS):
+        return f"{name} is not an option: did you mean method.{name}?"
+    return f"{name} is not an option: --help lists the options"
 
 
 def refusal(error: Exception) -> str:
@@ -148,6 +192,8 @@ def refusal(error: Exception) -> str:
         return f"{group}={given}: choose one of {listed(error.options)}"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
+    if unknown and unknown[1] in OPTIONS:
+        return f"{unknown[1]}: the configuration has values of its own, so no file can be chosen"
     if unknown:
         return _no_option(unknown[1])
     if isinstance(error, OverrideParseException):
@@ -155,9 +201,11 @@ def refusal(error: Exception) -> str:
         if not equals:
             like = f"stages={name}" if name in STAGES else "size=5"
             return f"{name}: give each option as name=value, such as {like}"
+        odd = [*dict.fromkeys(re.sub(r"[\w/.:@$%*?|\\+ -]", "", value, flags=re.ASCII))]
+        what = f"for {' '.join(odd)}" if odd else "for this value"
         return (
-            f"{error.override}: a value with characters such as ( ) , = & needs quotation marks "
-            f"for Hydra inside those of the shell: {as_typed(name, value)}"
+            f"{error.override}: {what} Hydra needs quotation marks inside those of the shell: "
+            f"{as_typed(name, value)}"
         )
     several = re.match(r"Ambiguous value for argument '(.*?)=(.*)'$", text, re.MULTILINE)
     if several:

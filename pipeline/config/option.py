@@ -14,8 +14,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_origin, get_type_hints
 
-from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.gone import instead
+from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
 
@@ -115,9 +114,7 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        known = listed(group + each for each in kinds)
-        allowed = f"{group}{name} is not an option: choose from {known}"
-        check(name in kinds, instead(group + name) or allowed)
+        check(name in kinds, no_option(group + name, (group + each for each in kinds)))
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
@@ -173,11 +170,9 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
         elif isinstance(value, list | tuple):
             fits = set(value) <= set(one_of) and (len(value) > 0 or each.default == ())
-            allowed = f"{name}={listed(value)}: choose from {listed(one_of)}"
-            check(not one_of or fits, instead(name, *value) or allowed)
+            check(not one_of or fits, f"{name}={listed(value)}: choose from {listed(one_of)}")
         elif one_of:
-            allowed = f"{name}={value}: choose one of {listed(one_of)}"
-            check(value in one_of, instead(name, value) or allowed)
+            check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
         elif like is not None:
             matches = re.fullmatch(like[0], value, re.ASCII) is not None
             check(matches, f"{name}={value}: give {like[1]}")

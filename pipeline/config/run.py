@@ -5,6 +5,7 @@ Hydra and OmegaConf stop here: `resolve` returns an object that the rest of the 
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -17,8 +18,9 @@ from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
 from pipeline.config.analysis import LeakageOptions
 from pipeline.config.dataset import DatasetOptions, dataset_config
-from pipeline.config.errors import ConfigError, check
+from pipeline.config.errors import ConfigError, check, literal
 from pipeline.config.export import NAMESPACE, ExportOptions
+from pipeline.config.method import chosen_method
 from pipeline.config.option import (
     FOLDER,
     LOCAL_FOLDER,
@@ -134,6 +136,39 @@ KINDS = {name: kind for name, _, kind in declared(RunConfig)}
 """The declared type of each option."""
 
 
+CONFIG = "config.yaml"
+"""The file beside what a stage made, with the options that it was made with."""
+
+_TRAINING = dict.fromkeys(meanings(TrainingOptions), ("train", "evaluate", "publish"))
+_USERS = {
+    **_TRAINING,
+    "dataset": ("train", "evaluate", "results", "export", "publish"),
+    "revision": ("train", "evaluate", "results", "export", "publish"),
+    "policy": ("evaluate",),
+    "evaluate_on": ("evaluate",),
+    "results_dir": ("build", "evaluate", "results", "report"),
+    "tensorboard": ("train",),
+    "evaluation": ("evaluate",),
+    "leakage": ("analyse",),
+    "publish": ("publish",),
+    "export": ("export", "publish"),
+    "season": SEASON_STAGES,
+}
+"""Option, or group of options -> the stages that use it, for those that not every stage may use."""
+
+
+def unused(names: Iterable[str], stages: Iterable[str]) -> dict[str, tuple[str, ...]]:
+    """Return the options that none of the stages uses, each with the stages that do.
+
+    Args:
+        names: The names of the options that a command line gives.
+        stages: The stages that it requests.
+    """
+    users = {name: _USERS.get(name) or _USERS.get(name.partition(".")[0]) for name in names}
+    requested = {*stages}
+    return {name: those for name, those in users.items() if those and not requested & {*those}}
+
+
 @dataclass(frozen=True)
 class Run:
     """One run of the program: its options, and the objects made from them."""
@@ -144,6 +179,8 @@ class Run:
     data_dir: AnyPath
     names_dataset: bool = False
     """Whether the command line gives `size` or `task`; see `machinery.dataset.check_there`."""
+    composed: str = ""
+    """The options as the content of `CONFIG`; empty for a run that no command line made."""
 
     @property
     def part(self) -> tuple[int, int] | None:
@@ -201,15 +238,44 @@ class Run:
         return self.data_dir
 
 
-def options_of(config: DictConfig) -> RunConfig:
+def names_in(overrides: Iterable[str]) -> list[str]:
+    """Return the names of the options in overrides such as `+publish.version=1.0.0`."""
+    return [each.lstrip("+~").partition("=")[0] for each in overrides]
+
+
+def options_of(config: DictConfig, overrides: Iterable[str] = ()) -> RunConfig:
     """Return the options that Hydra composed.
 
+    Args:
+        config: The configuration.
+        overrides: The overrides of the command line.
+
     Raises:
-        ConfigError: An option that does not exist was added as `+name=value`.
+        ConfigError: An option that does not exist was added as `+name=value`, or is a setting that
+            the method does not have.
         OmegaConfBaseException: A value has the wrong type, or refers to a missing value.
     """
     values: Any = OmegaConf.to_container(config, resolve=True)
-    return frozen(RunConfig, values)
+    method = values.get("method")
+    check(isinstance(method, dict), f"method={method}: give one name, such as method=bc")
+    return frozen(RunConfig, values | {"method": chosen_method(method, names_in(overrides))})
+
+
+def as_file(config: DictConfig) -> str:
+    """Return the content of a file from which Hydra composes the same options again."""
+
+    def escaped(value: Any) -> Any:
+        if isinstance(value, dict):
+            return {key: escaped(each) for key, each in value.items()}
+        if isinstance(value, list):
+            return [escaped(each) for each in value]
+        return literal(value) if isinstance(value, str) else value
+
+    values = escaped(OmegaConf.to_container(config, resolve=True))
+    again = (
+        "# To use these options again: labyrinth-datasets --config-dir FOLDER --config-name config"
+    )
+    return f"{again}\ndefaults: [base, _self_]\n{OmegaConf.to_yaml(OmegaConf.create(values))}"
 
 
 def resolve(options: RunConfig) -> Run:

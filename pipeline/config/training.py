@@ -20,15 +20,8 @@ from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES, RunNam
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.gone import instead
+from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
-
-_INSTALLED = Path(__file__).parents[1] / "conf"
-CONF = _INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf"
-"""Hydra's configuration folder: in the installed package, or else in the clone."""
-
-METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
-"""The modules of the methods in `pipeline.training.methods`."""
 
 SUBMISSIONS = "submissions"
 """The folder in `results_dir` for the results of submitted policies."""
@@ -71,7 +64,8 @@ class TrainingOptions:
 
     method: dict[str, Any] = option(  # noqa: RUF009
         {"name": "bc"},
-        f"{', '.join(METHODS)}, or your own module:Class; with settings such as method.epochs=...",
+        f"{', '.join(METHODS)}, or custom with method._target_=module.Class; with settings such as "
+        "method.epochs=...",
     )
     encoder: str = option(
         "cnn",
@@ -129,7 +123,7 @@ class TrainingOptions:
 
     @property
     def method_name(self) -> str:
-        """The method as it is given, such as `bc` or `mine:Method`; empty if it is missing."""
+        """The method's name in records: `bc`, or `mine:Method` for the class `mine.Method`."""
         return str(self.method.get("name", ""))
 
     @property
@@ -143,7 +137,8 @@ class TrainingOptions:
     def network(self) -> str:
         """The encoder of the policy, or the name of a method that has a network of its own."""
         if ":" in self.method_name:
-            own = bool(getattr(named("method", self.method_name), "own_network", False))
+            given = f"method._target_={target_of(self.method_name)}"
+            own = bool(getattr(named(given, self.method_name), "own_network", False))
         else:
             own = self.method_name in OWN
         return self.method_title if own else self.encoder
@@ -233,18 +228,17 @@ def check_unnamed(evaluation: EvaluationOptions) -> None:
 def check_method(options: TrainingOptions) -> None:
     """Raise a ConfigError unless `method` is in `METHODS` or has the form `module:Class`."""
     name = options.method_name
-    allowed = f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own"
     check(
         name in METHODS or re.fullmatch(r"\w[\w.]*:\w[\w.]*", name) is not None,
-        instead("method", name) or allowed,
+        f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own",
     )
 
 
-def named(option: str, name: str, load: Callable[[str], Any] = import_module) -> Any:
+def named(given: str, name: str, load: Callable[[str], Any] = import_module) -> Any:
     """Import and return the object `module:name`, from the working directory or as installed.
 
     Args:
-        option: The option that names the object, for the error message.
+        given: The option that names the object, as typed, for the error message.
         name: The module and, after a colon, the name in it, which may have dots.
         load: Imports a module.
 
@@ -263,11 +257,11 @@ def named(option: str, name: str, load: Callable[[str], Any] = import_module) ->
         if not (missing and f"{module}.".startswith(f"{missing}.")):
             raise
         reason = f"there is no module {missing}, neither in {here} nor installed"
-        raise ConfigError(f"{option}={name}: {reason}") from error
+        raise ConfigError(f"{given}: {reason}") from error
     for part in attribute.split("."):
         if not hasattr(found, part):
             known = listed([each for each in vars(found) if not each.startswith("_")])
-            raise ConfigError(f"{option}={name}: there is no {part}, only {known}")
+            raise ConfigError(f"{given}: there is no {part}, only {known}")
         found = getattr(found, part)
     return found
 

@@ -140,7 +140,7 @@ def named_policy(name: str) -> Any:
             allowed = "neither a folder nor an id such as user/planner-5x5"
             raise DatasetError(f"{source} is {allowed}: a policy in Python is module:name")
         return load_policy(source, revision=revision or None)
-    found = named("policy", name, partial(asked, import_module))
+    found = named(f"policy={name}", name, partial(asked, import_module))
     return asked(found) if _makes_one(found) else found
 
 

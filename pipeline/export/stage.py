@@ -14,7 +14,7 @@ from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS, RECORD
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums, is_whole, produced
@@ -41,18 +41,19 @@ def run(run: Run) -> None:
     for split in splits:  # Check all of them before writing the first.
         is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
     for split in splits:
-        _export(split, root / split.id, write, overwrite)
+        _export(split, root / split.id, write, run)
 
 
-def _export(
-    split: Split, target: Path, write: Callable[[Split, Path], None], overwrite: bool
-) -> None:
+def _export(split: Split, target: Path, write: Callable[[Split, Path], None], run: Run) -> None:
     """Export a split to a folder, unless the export is there already."""
+    overwrite = run.options.overwrite
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
                 write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
+                if run.composed:
+                    write_text(made / CONFIG, run.composed)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
 import shlex
 import sys
 from collections.abc import Iterable
 from pathlib import Path
 
 from labyrinth_core.data.storage import RemotePath
-from pipeline.config.run import Run
+from pipeline.config.errors import as_value
+from pipeline.config.run import KINDS, Run, RunConfig
 
 DESCRIBE = "stages=[validate,analyse,card]", "check every row and describe the dataset"
 LOOK = "stages=report", "look at it in a browser"
@@ -29,7 +29,7 @@ def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str
 
     Args:
         run: The run.
-        given: The options of its command line, each as `name=value`.
+        given: The overrides of its command line, each as `name=value`.
         flags: The flags of its command line that choose the configuration.
     """
     options, last = run.options, run.options.stages[-1]
@@ -47,13 +47,26 @@ def hints(run: Run, given: Iterable[str], flags: Iterable[str] = ()) -> list[str
         added, purpose = LEARN if isinstance(run.data_dir, RemotePath) else LOOK
     else:
         return []
-    typed = [re.sub(r"^method\.name=", "method=", each) for each in given]
     more = added.split()
     left_out = {*_OF_ONE_RUN, *(each.partition("=")[0] for each in more)}
-    names = {each: each.lstrip("+~").partition("=")[0].split(".")[0] for each in typed}
-    kept = [each for each, name in names.items() if name not in left_out]
+    names = {each: each.lstrip("+~").partition("=")[0] for each in given}
+    kept = [
+        _resolved(each, name, options)
+        for each, name in names.items()
+        if name.partition(".")[0] not in left_out
+    ]
     if not any(each.startswith("size=") for each in kept):
         kept = [f"size={options.size}", *kept]
     script = Path(sys.argv[0]).name == "run.py"
     program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
     return [f"Next, to {purpose}: {program} {shlex.join([*flags, *kept, *more])}"]
+
+
+def _resolved(given: str, name: str, options: RunConfig) -> str:
+    """Return an override with the value that its option has, in which no reference is left."""
+    group, _, key = name.rpartition(".")
+    if group == "method" and key in options.method:
+        return f"{name}={as_value(options.method[key])}"
+    if name == "method" or name not in KINDS:
+        return given
+    return f"{name}={as_value(getattr(getattr(options, group) if group else options, key))}"

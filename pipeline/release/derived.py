@@ -23,7 +23,7 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.dataset import manifest_of
@@ -105,7 +105,7 @@ def _linked(run: Run, manifest: Manifest, split: str, place: Path) -> dict[str, 
             f"{source} is an export of another dataset, or with other options: stages=export "
             "overwrite=true replaces it"
         )
-    for name, _ in own.hashes:
+    for name in {name for name, _ in own.hashes} - {CONFIG}:  # It names folders of this machine.
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).symlink_to((source / name).absolute())
     return record

@@ -9,7 +9,7 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import naming, temporaries, temporary_beside, write_text
 from pipeline.config.errors import ConfigError, check
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
@@ -80,6 +80,8 @@ def _make(run: Run, place: Place, folder: Path, kept: Path) -> None:
     with dataset(run, replace(run.dataset, seed=seed)) as (_, manifest):
         season = Season.of(place.public.name, run.options.season.date, secret, manifest)
     write_text(folder / place.season.name, season.to_text())
+    if run.composed:
+        write_text(folder / CONFIG, run.composed)
 
 
 def _keep(path: Path, named: Path, secret: bytes) -> None:

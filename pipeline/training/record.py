@@ -17,6 +17,7 @@ from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
+from pipeline.config.run import CONFIG
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 
@@ -25,7 +26,7 @@ CURVES = "curves.png"
 BOARD = "tensorboard"
 FORMAT = 1
 
-OURS = (RECORD, POLICY, CURVES, f"{Path(RESULTS).stem}*.json")
+OURS = (RECORD, POLICY, CURVES, CONFIG, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 
@@ -92,6 +93,19 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     except (ValueError, LookupError, TypeError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
     return dict(content)
+
+
+def selected_rate(folder: Path) -> float:
+    """Return the success rate on validation of a finished run's policy.
+
+    Raises:
+        DatasetError: The record has none.
+    """
+    record = read_record(folder)
+    try:
+        return float(record["selected"]["validation_sr"]) if record else 0.0
+    except (LookupError, TypeError, ValueError) as error:
+        raise DatasetError(f"{folder / RECORD} cannot be read: {error!r:.300}") from error
 
 
 def open_board(folder: Path) -> Any:

@@ -19,14 +19,14 @@ import torch
 
 from labyrinth_core.data.dataset import require_unchanged
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 from pipeline.config.training import PROTOCOLS, TrainingOptions
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
@@ -36,7 +36,13 @@ from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
+from pipeline.training.record import (
+    CHECKPOINT,
+    OURS,
+    open_board,
+    selected_rate,
+    write_record,
+)
 
 
 def refuse(run: Run) -> None:
@@ -44,8 +50,11 @@ def refuse(run: Run) -> None:
     find(run.options.method_name, run.options.method, run.options.protocol)
 
 
-def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
+def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
     """Train the policy of a run, unless it is finished already; continue an interrupted run.
+
+    Returns:
+        The success rate on validation of the policy that was kept.
 
     Raises:
         ConfigError: A setting is not allowed, the device does not exist, or an extra is missing.
@@ -68,16 +77,19 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
                 if method.protocol:
                     _tell_changes(run.options, settings)
                 done = _train(run, made, path, identity, checkpoint_seconds)
+                if run.composed:
+                    write_text(made / CONFIG, run.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         say(f"{folder} is complete already.")
-        return
+        return selected_rate(folder)
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
         f"{run.run_name.name}: SR {done.best['validation_sr']:.1%} on validation, "
         f"{done.best['train_sr']:.1%} on train, after epoch {done.best['epoch']} of {done.epoch}; "
         f"{done.seconds:.0f} s. {folder}"
     )
+    return float(done.best["validation_sr"])
 
 
 def _train(

@@ -106,7 +106,8 @@ def planned() -> Iterator[Planned]:
             yield Planned(name, hours, given, trained_by="scripts/studies/train_in_bfloat16.py")
     for config, chosen in AUTHORS.items():
         for method, (epochs, hours) in chosen.items():
-            given = f"method=scripts.studies.methods.authors.{method}:Method protocol=authors"
+            given = "method=custom protocol=authors"
+            given += f" method._target_=scripts.studies.methods.authors.{method}.Method"
             given += f" method.epochs={epochs} method.batch_size=8"
             name = f"authors/runs/{config}/{method}-cnn-seed0-authors.json"
             if method not in ("bco", "iupe"):  # These explore whenever they are tried.

@@ -14,9 +14,10 @@ from pathlib import Path
 import pytest
 from commands import RUN, ended, error_of, refused, run, spaced
 from quick_python import python
+from tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
-from pipeline.config.run import Run
+from pipeline.config.run import CONFIG, Run
 
 pytestmark = pytest.mark.slow
 
@@ -121,15 +122,12 @@ def test_a_run_that_fails_does_not_end_a_sweep_but_makes_the_command_fail(tmp_pa
 @pytest.mark.parametrize(
     "begin", ["labyrinths=1 -m", "--multi labyrinths=1", "labyrinths=1 hydra.mode=MULTIRUN"]
 )
-def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
+def test_a_sweep_builds_each_size_and_task_and_leaves_its_record(
     tmp_path: Path, begin: str
 ) -> None:
-    temporary = tmp_path / 'it\'s "here" ${now}'
-    temporary.mkdir()
     options = ["size=3,2x4", "task=navigation,partial_observability", "random_steps=5"]
     options += ["data_dir=data", "stages=[build,validate]"]
-    env = os.environ | {"TMPDIR": str(temporary)}
-    result = run(tmp_path, *begin.split(), *options, env=env)
+    result = run(tmp_path, *begin.split(), *options)
     assert (result.returncode, result.stderr) == (0, "")
     names = {f"{size}{task}" for size in ("3x3", "2x4") for task in ("", "-partial_observability")}
     assert {path.name for path in (tmp_path / "data").iterdir()} == names | {"README.md"}
@@ -137,8 +135,9 @@ def test_a_sweep_builds_each_size_and_task_and_leaves_nothing_of_its_own(
         manifest = Manifest.read(tmp_path / "data" / name)
         assert (manifest.config.name, manifest.config.labyrinths) == (name, 1)
         assert f"data/{name} is valid" in spaced(result.stdout)
-    assert {path.name for path in tmp_path.iterdir()} == {"data", temporary.name}
-    assert list(temporary.iterdir()) == []
+    assert {path.name for path in tmp_path.iterdir()} == {"data", "multirun"}
+    (record,) = (tmp_path / "multirun").rglob("*.yaml")
+    assert record.name == "multirun.yaml"
 
 
 def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
@@ -151,6 +150,144 @@ def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
         result = run(tmp_path, *flags, *given)
         assert (result.returncode, result.stderr) == (0, "")
         assert (tmp_path / used / "multirun.yaml").is_file()
+
+
+def test_texts_stay_as_typed_in_each_run_of_a_sweep(tmp_path: Path) -> None:
+    stage = "print('read', run.options.revision, run.options.dataset, run.options.evaluation.name)"
+    swept = ["revision=1.10,1.1,1e3", "dataset=choice(1.0,true)", "evaluation.name=true"]
+    done = run_with(tmp_path, stage, "-m", "stages=build", *swept)
+    assert (done.returncode, done.stderr) == (0, "")
+    read = [line.split()[1:] for line in done.stdout.splitlines() if line.startswith("read")]
+    revisions, datasets = ("1.10", "1.1", "1e3"), ("1.0", "true")
+    assert read == [[one, other, "true"] for one in revisions for other in datasets]
+
+
+LAUNCHER = """
+from hydra.core.plugins import Plugins
+from hydra.core.utils import run_job
+from hydra.plugins.launcher import Launcher
+from joblib import Parallel, delayed
+
+
+def start(number, overrides, context, config, task, state):
+    from hydra.core.singleton import Singleton
+    from hydra.core.utils import setup_globals
+
+    setup_globals()
+    Singleton.set_state(state)
+    job = context.config_loader.load_sweep_config(config, overrides)
+    job.hydra.job.id, job.hydra.job.num = str(number), number
+    where = {"job_dir_key": "hydra.sweep.dir", "job_subdir_key": "hydra.sweep.subdir"}
+    return run_job(hydra_context=context, task_function=task, config=job, **where)
+
+
+class Elsewhere(Launcher):
+    def setup(self, *, hydra_context, task_function, config):
+        self.given = hydra_context, config, task_function
+
+    def launch(self, job_overrides, initial_job_idx):
+        from hydra.core.singleton import Singleton
+
+        runs = enumerate(map(list, job_overrides), initial_job_idx)
+        state = Singleton.get_state()
+        return Parallel(2)(delayed(start)(*run, *self.given, state) for run in runs)
+"""
+"""A launcher that runs the runs of a sweep in other processes, as hydra-joblib-launcher does."""
+
+
+def test_a_launcher_may_start_the_runs_of_a_sweep_in_other_processes(tmp_path: Path) -> None:
+    package = tmp_path / "hydra_plugins" / "elsewhere"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "launcher.py").write_text(LAUNCHER)
+    own = tmp_path / "own" / "hydra" / "launcher"
+    own.mkdir(parents=True)
+    (own / "elsewhere.yaml").write_text("_target_: hydra_plugins.elsewhere.launcher.Elsewhere\n")
+    options = ["size=2x3,chess,3x2", "labyrinths=1", "random_steps=5", "stages=build"]
+    launched = ["--config-dir", "own", "-m", "hydra/launcher=elsewhere"]
+    env = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{RUN.parent}"}
+    command = [sys.executable, str(RUN), *launched, *options, "data_dir=1.10"]
+    done = ended(command, cwd=tmp_path, env=env)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("error: size=chess: ") == 1
+    made = {path.name for path in (tmp_path / "1.10").iterdir()}
+    assert made >= {"2x3", "3x2"}
+
+
+def test_hydra_is_given_the_objective_of_each_run_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "shows.py").write_text(
+        "from hydra.experimental.callback import Callback\n"
+        "class Objective(Callback):\n"
+        "    def on_job_end(self, config, job_return, **_):\n"
+        "        print('objective', job_return.return_value)\n"
+    )
+    shows = "defaults: [config, _self_]\nhydra: {callbacks: {shows: {_target_: shows.Objective}}}"
+    (tmp_path / "mine.yaml").write_text(shows)
+    stage = "return run.options.seed / 4 if run.options.seed else None"
+    named = ["--config-dir", ".", "--config-name", "mine"]
+    done = run_with(tmp_path, stage, *named, "-m", "seed=0,1,3", "stages=build")
+    assert (done.returncode, done.stderr) == (0, "")
+    shown = [line for line in done.stdout.splitlines() if line.startswith("objective")]
+    assert shown == ["objective None", "objective 0.25", "objective 0.75"]
+
+
+def test_what_was_made_lies_beside_the_options_that_make_it_again(
+    tmp_path: Path, small_dataset: Run
+) -> None:
+    data = f"data_dir={small_dataset.data_dir}"
+    method = ["method=bc", "method.epochs=1", "threads=1", "train_labyrinths=3"]
+    stages = ["stages=[train,export]", "export=imitation", "export.splits=test"]
+    texts = ["evaluation.name=true", r"evaluation.budget='1.10 \${x}'"]
+    first = run(tmp_path, "size=3", data, *method, *stages, *texts)
+    assert (first.returncode, first.stderr) == (0, "")
+    made = content_of(tmp_path)
+    of_run = "runs/3x3/bc-cnn-seed0-labyrinths3"
+    for folder in (of_run, "exports/imitation/labyrinth/3x3/test-v0"):
+        assert f"  {CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
+        again = tmp_path / "again"
+        again.mkdir()
+        done = run(again, "--config-dir", f"../{folder}", "--config-name", "config")
+        assert (done.returncode, done.stderr) == (0, "")
+        repeated = content_of(again)
+        assert repeated.keys() == made.keys()
+        for name in (f"{of_run}/{CONFIG}", f"{of_run}/policy.safetensors"):
+            assert repeated[name] == made[name]
+        shutil.rmtree(again)
+
+
+def test_what_a_user_asks_hydra_to_keep_of_a_sweep_is_kept(tmp_path: Path) -> None:
+    options = ["size=2x3", "labyrinths=1,2", "data_dir=data/${labyrinths}", "stages=build"]
+    given = ["hydra.sweep.dir=kept", "hydra.output_subdir=of_hydra"]
+    assert run(tmp_path, "-m", *options, *given).returncode == 0
+    for number in ("0", "1"):
+        kept = (tmp_path / "kept" / number / "of_hydra" / "overrides.yaml").read_text()
+        assert f"labyrinths={int(number) + 1}" in kept
+
+
+@pytest.mark.parametrize(
+    "where",
+    ["config.run.resolve", "config.run.as_file", "config.texts.as_given", "machinery.hints.hints"],
+)
+def test_a_bug_in_the_handling_of_options_gets_its_traceback(tmp_path: Path, where: str) -> None:
+    module, _, name = where.rpartition(".")
+    program = f"""
+import sys
+from pipeline import command, __main__
+from pipeline.{module} import {name}
+
+def planted(*_, **__):
+    len(5)
+
+command.{name} = planted
+sys.exit(__main__.main())
+"""
+    arguments = ["size=2x3", "labyrinths=1", "stages=build"]
+    environment = {"PYTHONPATH": str(RUN.parent)}
+    done = ended([python(), "-c", program, *arguments], env=environment, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "error:" not in done.stderr
+    assert done.stderr.endswith("TypeError: object of type 'int' has no len()\n")
 
 
 @pytest.mark.parametrize("text", ["size: [5", 'size: "\x01"', "size: 5\nsize: 4", "size: 'a"])

@@ -1,7 +1,8 @@
 """The interface of a method: its settings, and a learner that trains one epoch at a time.
 
 A built-in method is a module here with two classes, `Settings` and `Method`. A user's own method,
-`method=module:Class`, is a class with `Settings` in the same module (docs/new-method.md).
+`method=custom method._target_=module.Class`, has `Settings` in the same module
+(docs/new-method.md).
 """
 
 from __future__ import annotations
@@ -30,8 +31,9 @@ from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check, listed
+from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import check_options, frozen, option
-from pipeline.config.training import METHODS, TrainingOptions, named
+from pipeline.config.training import TrainingOptions, named
 from pipeline.training.methods.acting import Steps
 from pipeline.training.methods.relabelling import ExampleSampler
 
@@ -270,7 +272,7 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
     Raises:
         ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
     """
-    method = named("method", name)
+    method = named(f"method._target_={target_of(name)}", name)
     classes = getattr(method, "__mro__", ())
     modules = [name.partition(":")[0], *(each.__module__ for each in classes)]
     declared = (getattr(import_module(each), "Settings", None) for each in modules)

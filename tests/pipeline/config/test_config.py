@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from dataclasses import FrozenInstanceError, fields, is_dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +13,10 @@ import pytest
 import yaml
 from composing import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.utils import get_class
 from hypothesis import given
 from hypothesis import strategies as st
+from omegaconf import OmegaConf
 
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
@@ -20,7 +24,10 @@ from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
+from pipeline.config.method import METHODS
 from pipeline.config.run import OPTIONS, STAGES, RunConfig, resolve
+from pipeline.training.methods.method import find
+from scripts.write_options import written
 
 CONF = Path(__file__).parents[3] / "conf"
 
@@ -283,9 +290,38 @@ def test_options_document_exactly_the_fields_of_the_schema() -> None:
     assert all(OPTIONS.values())
 
 
-def test_the_yaml_repeats_no_default() -> None:
-    values = yaml.safe_load((CONF / "config.yaml").read_text())
-    assert set(values) == {"defaults", "hydra"}
+def test_files_that_repeat_declarations_are_those_that_the_script_writes() -> None:
+    for path, text in written().items():
+        assert path.read_text(encoding="utf-8") == text, "run scripts/write_options.py"
+    names = {path.stem for path in (CONF / "method").iterdir()}
+    assert names == {*METHODS, "custom"}
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_the_file_of_a_method_names_the_class_that_is_trained(name: str) -> None:
+    target = yaml.safe_load((CONF / "method" / f"{name}.yaml").read_text())["_target_"]
+    assert get_class(target) is find(name, {}, "default")[0]
+
+
+@pytest.mark.parametrize("path", sorted((CONF / "experiment").iterdir()), ids=lambda p: p.stem)
+def test_an_experiment_can_be_run_and_says_how_many_runs_it_has(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# @package _global_\n")
+    params = {
+        name: str(values).split(",")
+        for name, values in yaml.safe_load(text)["hydra"]["sweeper"]["params"].items()
+    }
+    runs = prod(map(len, params.values()))
+    assert f"{runs} runs" in text or "in eight parts" in text
+    for number in (0, -1):
+        swept = (f"{name}={values[number]}" for name, values in params.items())
+        composed(f"+experiment={path.stem}", *swept)
+    for page in re.findall(r"docs/[\w/.-]+\.md", text):
+        assert (CONF.parent / page).is_file()
+
+
+def test_the_values_of_the_files_are_the_defaults_of_the_declarations() -> None:
+    assert composed().options == RunConfig()
 
 
 def test_options_are_frozen_as_are_their_groups() -> None:
@@ -360,4 +396,4 @@ def test_json_with_other_fields_is_no_dataset_config() -> None:
 def test_an_option_is_typed_so_that_shell_and_hydra_give_its_value(value: str) -> None:
     (argument,) = shlex.split(as_typed("data_dir", value))
     found = OverridesParser.create().parse_override(argument).value()
-    assert getattr(found, "text", found) == value
+    assert OmegaConf.create({"read": found}).read == value

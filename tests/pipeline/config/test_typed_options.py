@@ -1,11 +1,11 @@
 """What is typed is what an option gets: texts, lists of one, true and false.
 
-A name that does not exist, or no longer, is answered with one that does.
+A name that does not exist is answered with its likely name.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import shlex
 from typing import get_origin
 
 import pytest
@@ -15,10 +15,10 @@ from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from pipeline.config.command_line import keep_texts, refusal
+from pipeline.config.command_line import arranged, parsed, refusal
 from pipeline.config.errors import ConfigError
-from pipeline.config.gone import GONE
-from pipeline.config.run import DEFAULTS, KINDS, OPTIONS, RunConfig
+from pipeline.config.run import DEFAULTS, KINDS, RunConfig, unused
+from pipeline.config.texts import quote_texts
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
@@ -33,7 +33,7 @@ ASKED = {
 def typed(argument: str) -> list[str]:
     """Return the values of a command line's argument as OmegaConf writes down a text."""
     parser = OverridesParser.create()
-    override = parser.parse_override(keep_texts(argument))
+    override = parser.parse_override(quote_texts(argument))
     if override.is_sweep_override():
         one_by_one = (f"x={value}" for value in override.sweep_string_iterator())
         return [str(parser.parse_override(each).value()) for each in one_by_one]
@@ -83,7 +83,7 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     ],
 )
 def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
-    assert keep_texts(argument) == argument
+    assert quote_texts(argument) == argument
 
 
 @pytest.mark.parametrize("name", LISTS)
@@ -121,37 +121,25 @@ def refused(argument: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("name", "hint", "listed"),
+    ("name", "advice"),
     [
-        ("sise", "did you mean size? ", OPTIONS),
-        ("results.replay", "did you mean results_dir? ", OPTIONS),
-        ("episodes", "did you mean evaluation.episodes? ", OPTIONS),
-        ("epochs", "for a setting of the method give method.epochs; ", OPTIONS),
-        ("evaluation.name.x", "did you mean evaluation.name? ", OPTIONS),
-        ("hydra.sweeep", "", OPTIONS),
-        (
-            "leakage.sorce",
-            "did you mean leakage.source? ",
-            [name for name in OPTIONS if name.startswith("leakage.")],
-        ),
+        ("sise", "did you mean size?"),
+        ("results.replay", "did you mean results_dir?"),
+        ("episodes", "did you mean evaluation.episodes?"),
+        ("epochs", "did you mean method.epochs?"),
+        ("evaluation.name.x", "did you mean evaluation.name?"),
+        ("leakage.sorce", "did you mean leakage.source?"),
+        ("method.epoch", "did you mean method.epochs?"),
+        ("method.learning_rat", "did you mean method.learning_rate?"),
+        ("hydra.sweeep", "--help lists the options"),
+        ("leakage.xyz", "choose from [leakage.source, leakage.config]"),
+        ("zzz", "--help lists the options"),
     ],
 )
-def test_an_option_that_does_not_exist_lists_those_that_do(
-    name: str, hint: str, listed: Iterable[str]
+def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
+    name: str, advice: str
 ) -> None:
-    expected = f"{name} is not an option: {hint}choose from [{', '.join(listed)}]"
-    assert refused(f"{name}=1") == expected
-
-
-@pytest.mark.parametrize("gone", GONE)
-def test_what_is_no_longer_there_is_told_with_what_to_do_instead(gone: str) -> None:
-    name, _, value = gone.partition("=")
-    listed = f"{name}=[{value}]" if name == "stages" else gone if value else f"{name}=1"
-    assert refused(listed) == f"{gone} was removed: {GONE[gone]}"
-
-
-def test_an_option_of_a_group_that_went_is_told_by_its_name() -> None:
-    assert refused("analysis.seeds=4") == f"analysis.seeds was removed: {GONE['analysis']}"
+    assert refused(f"{name}=1") == f"{name} is not an option: {advice}"
 
 
 @pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "export=x", "buckets=[3]"])
@@ -160,9 +148,96 @@ def test_a_group_and_a_method_are_no_list(argument: str) -> None:
         composed(argument)
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        "size=3 --cfg hydra labyrinths=4",
+        "--config-dir own size=3 --config-name mine labyrinths=4",
+        "-cd own size=3 -cn mine labyrinths=4",
+        "size=3 --multi labyrinths=4",
+        "size=3 --info defaults labyrinths=4",
+        "size=3 labyrinths=4",
+    ],
+)
+def test_flags_may_stand_among_the_options(arguments: str) -> None:
+    words = arguments.split()
+    found = arranged(words, parsed(words))
+    assert found[:2] == ["size=3", "labyrinths=4"]
+    assert sorted(found) == sorted(words)
+
+
+def test_the_class_of_a_method_in_the_old_form_is_told_in_the_new_one() -> None:
+    with pytest.raises(ConfigError) as caught:
+        composed("method=mine:Method")
+    *_, typed = str(caught.value).partition(": for a method of your own give ")
+    assert composed(*typed.split()).options.method_name == "mine:Method"
+
+
+@pytest.mark.parametrize(
+    ("target", "name", "title"),
+    [
+        ("pipeline.training.methods.bc.Method", "bc", "bc"),
+        ("mine.Method", "mine:Method", "mine"),
+        ("bc.Method", "bc:Method", "bc"),
+        ("lab.mine.Smoothed", "lab.mine:Smoothed", "Smoothed"),
+        ("lab.mine.Outer.Method", "lab.mine:Outer.Method", "mine"),
+    ],
+)
+def test_a_method_has_the_name_that_records_know(target: str, name: str, title: str) -> None:
+    options = composed("method=custom", f"method._target_={target}").options
+    assert (options.method_name, options.method_title) == (name, title)
+
+
+@pytest.mark.parametrize("given", ["method=custom", "method._target_=x", "~method"])
+def test_a_method_without_a_class_is_told_what_to_give(given: str) -> None:
+    with pytest.raises(ConfigError, match=r"^method\._target_=.*: give the class of a method as"):
+        composed(given)
+
+
+def test_settings_are_compared_with_those_of_a_run_only_if_they_are_chosen() -> None:
+    assert composed("method=planner").options.method == {"name": "planner"}
+    assert composed("method=planner", "method.epochs=30").options.method["epochs"] == 30
+
+
+@pytest.mark.parametrize(
+    ("name", "stages", "users"),
+    [
+        ("method", ["build"], ("train", "evaluate", "publish")),
+        ("method.epochs", ["report"], ("train", "evaluate", "publish")),
+        ("publish.version", ["build", "card"], ("publish",)),
+        ("export.format", ["publish"], None),
+        ("policy", ["evaluate"], None),
+        ("policy", ["results"], ("evaluate",)),
+        ("size", ["results"], None),
+    ],
+)
+def test_an_option_that_no_requested_stage_uses_is_told(
+    name: str, stages: list[str], users: tuple[str, ...] | None
+) -> None:
+    assert unused([name], stages) == ({name: users} if users else {})
+
+
 def test_the_defaults_that_are_documented_are_those_of_the_options() -> None:
     given = [f"{name}={value}" for name, value in DEFAULTS.items() if value]
     given = [each for each in given if not each.endswith("=all") and "stages" not in each]
     assert composed(*given).options == composed().options
     assert DEFAULTS["stages"].split(",") == [*RunConfig().stages]
     assert DEFAULTS["labyrinths"] == DEFAULTS["shifts"] == ""
+
+
+@pytest.mark.parametrize(
+    ("value", "characters"),
+    [
+        ("Datensätze", "ä"),
+        ("a(b,c)", "( , )"),
+        ("größe&maß", "ö ß &"),
+        ("日本", "日 本"),
+        ("[1", "["),
+    ],
+)
+def test_the_characters_that_need_quotation_marks_are_named(value: str, characters: str) -> None:
+    expected = f"data_dir={value}: for {characters} Hydra needs quotation marks inside those of "
+    line = refused(f"data_dir={value}")
+    assert line == f"""{expected}the shell: 'data_dir="{value}"'"""
+    (typed,) = shlex.split(line.partition("shell: ")[2])
+    assert composed(typed).options.data_dir == value

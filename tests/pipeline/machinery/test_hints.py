@@ -58,7 +58,7 @@ def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
     stages: list[str], expected: str | None
 ) -> None:
     given = ["size=3", "stages=[x]", "+overwrite=true", "publish.repo_id=a/b", "seed=1"]
-    lines = hints(resolve(RunConfig(stages=tuple(stages), size="3")), given)
+    lines = hints(resolve(RunConfig(stages=tuple(stages), size="3", seed=1)), given)
     assert len(lines) == (expected is not None)
     for line in lines:
         assert line.startswith(str(expected))
@@ -67,6 +67,16 @@ def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(
         assert (size, seed) == ("size=3", "seed=1")
         stages = named.partition("=")[2].strip("[]").split(",")
         resolve(RunConfig(stages=tuple(stages), size="3"))
+
+
+def test_a_hint_has_values_in_place_of_references_and_can_be_typed() -> None:
+    options = RunConfig(stages=("build",), data_dir="runs/${x} a", seed=3, size="3")
+    given = ["size=3", "seed=3", r"data_dir=runs/$\{seed\}", "+experiment=paper", "~revision"]
+    (line,) = hints(resolve(options), given)
+    words = shlex.split(line.partition(": ")[2])
+    assert words[-6:-1] == [
+        *("size=3", "seed=3", r'data_dir="runs/\${x} a"', "+experiment=paper", "revision=null")
+    ]
 
 
 def test_an_evaluation_on_another_dataset_which_the_tables_ignore_suggests_no_tables() -> None:

@@ -1,4 +1,4 @@
-"""A method of the user, `method=module:Class`: that of docs/new-method.md, and others."""
+"""A method of the user, `method=custom`: that of docs/new-method.md, and others."""
 
 from __future__ import annotations
 

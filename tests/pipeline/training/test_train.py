@@ -69,6 +69,14 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert "SR" in capsys.readouterr().out
 
 
+def test_a_run_returns_its_success_rate_on_validation_which_a_sweep_may_maximise(
+    run_of: Callable[..., Run],
+) -> None:
+    run = run_of()
+    made, there_already = train.run(run), train.run(run)
+    assert made == there_already == record_of(run)["selected"]["validation_sr"]
+
+
 def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,134 @@
+"""Write what repeats the declarations of the options: `conf/` and the table of docs/options.md.
+
+    python scripts/write_options.py
+
+The declarations in `pipeline/config/` and the `Settings` of methods have types, defaults, bounds
+and meanings. `conf/config.yaml` shows the options without a stage of their own, each file of
+`conf/method` the settings of a method, each of `conf/export` the options of an export.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import Field
+from pathlib import Path
+from textwrap import wrap
+from typing import Any
+
+from pipeline.config.dataset import DatasetOptions
+from pipeline.config.export import EXPORTS, ExportOptions
+from pipeline.config.method import METHODS, target_of
+from pipeline.config.option import declared
+from pipeline.config.run import DEFAULTS, OPTIONS, PlaceOptions
+from pipeline.config.training import TrainingOptions
+from pipeline.training.methods.method import find
+
+ROOT = Path(__file__).parents[1]
+
+MADE = "Made by scripts/write_options.py"
+
+CONFIG = f"""\
+# What a run does if the command line says nothing else. {MADE} from the declarations
+# in pipeline/config/; docs/options.md lists the other options, of single stages, too.
+defaults:
+  - base
+  - method: bc  # Its settings: conf/method/bc.yaml
+  - export: null
+  - _self_
+"""
+
+HEADINGS = {
+    "The content of the dataset": DatasetOptions,
+    "Where and how it is made": PlaceOptions,
+    "Training and evaluation": TrainingOptions,
+}
+
+
+def value_of(default: Any) -> str:
+    """Return a default as YAML has it."""
+    if isinstance(default, tuple):
+        return f"[{', '.join(default)}]"
+    if default is None:
+        return "null"
+    if isinstance(default, bool):
+        return str(default).lower()
+    return str(default) or '""'
+
+
+def lines_of(options: Iterable[tuple[str, Field[Any], Any]]) -> Iterator[str]:
+    """Yield the lines of YAML for options, each with its meaning above."""
+    above = ""
+    for name, each, _ in options:
+        group, _, key = name.rpartition(".")
+        if group != above and group:
+            yield f"{group}:"
+        above, indent = group, "  " * bool(group)
+        yield from wrap(
+            each.metadata["meaning"],
+            98,
+            **dict.fromkeys(("initial_indent", "subsequent_indent"), f"{indent}# "),
+        )
+        yield f"{indent}{key}: {value_of(each.default)}"
+
+
+def config() -> str:
+    """Return the text of `conf/config.yaml`."""
+    text = CONFIG
+    for heading, cls in HEADINGS.items():
+        options = [each for each in declared(cls) if each[0] != "method"]
+        text += f"\n# {heading}\n\n" + "\n".join(lines_of(options)) + "\n"
+    return text
+
+
+def commented(values: dict[str, Any], meanings: dict[str, str]) -> str:
+    """Return lines of YAML with the meaning of each value behind it."""
+    lines = [f"{name}: {value_of(value)}" for name, value in values.items()]
+    width = max(map(len, lines))
+    pairs = zip(lines, values, strict=True)
+    return "".join(
+        f"{line:{width}}  # {meanings[name]}".rstrip(" #") + "\n" for line, name in pairs
+    )
+
+
+def method(name: str) -> str:
+    """Return the text of the file of a method in `conf/method`."""
+    _, settings = find(name, {}, "default")
+    meanings = {
+        each: kind.metadata.get("meaning", "") for each, kind, _ in declared(type(settings))
+    }
+    comment = f"# {MADE} from the Settings of the module, which says what it does.\n"
+    return f"{comment}_target_: {target_of(name)}\n{commented(vars(settings), meanings)}"
+
+
+def export(format_: str) -> str:
+    """Return the text of the file of a format in `conf/export`."""
+    meanings = {each: kind.metadata["meaning"] for each, kind, _ in declared(ExportOptions)}
+    comment = f"# {MADE}: stages=export export={format_}\n"
+    return comment + commented(vars(ExportOptions(format=format_)), meanings)
+
+
+def table() -> str:
+    """Return the table of docs/options.md."""
+    rows = "".join(
+        f"| `{name}` | {DEFAULTS[name] and f'`{DEFAULTS[name]}`'} | {meaning} |\n".replace(
+            "|  |", "| |"
+        )
+        for name, meaning in OPTIONS.items()
+    )
+    return f"| option | default | meaning |\n|---|---|---|\n{rows}"
+
+
+def written() -> dict[Path, str]:
+    """Return the content of each file."""
+    page = ROOT / "docs/options.md"
+    text = page.read_text(encoding="utf-8")
+    files = {page: re.sub(r"\| option \| default(.*\n)+?(?=\n|\Z)", lambda _: table(), text)}
+    files |= {ROOT / "conf/config.yaml": config()}
+    files |= {ROOT / f"conf/method/{name}.yaml": method(name) for name in METHODS}
+    return files | {ROOT / f"conf/export/{name}.yaml": export(name) for name in EXPORTS}
+
+
+if __name__ == "__main__":
+    for path, text in written().items():
+        path.write_text(text, encoding="utf-8")

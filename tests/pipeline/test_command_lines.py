@@ -1,0 +1,97 @@
+"""Command lines and what they answer: exit status and output, as `command_lines.txt` holds them.
+
+Of the configuration that `--cfg job` prints, the file has the lines that differ from the defaults.
+`PYTHONPATH=.:tests/support python tests/pipeline/test_command_lines.py` writes the file again;
+`git diff` then shows what changed for a user.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import re
+import shlex
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import pytest
+from commands import RUN, ended
+from quick_python import python
+
+pytestmark = pytest.mark.slow
+
+KEPT = Path(__file__).with_name("command_lines.txt")
+
+FILES = {
+    "own/mine.yaml": "defaults: [config, _self_]\nsize: 3\nrevision: '1.10'\n",
+    "own/method/gentle.yaml": "_target_: mine.Method\nepochs: 3\nsmoothing: 0.5\n",
+    "own/experiment/small.yaml": "# @package _global_\nsize: 3\nhydra: {sweeper: {params: "
+    "{seed: '0,1'}}}\n",
+    "broken/mine.yaml": "size: [5",
+}
+"""What the folder of each command line holds."""
+
+
+def answered(line: str) -> tuple[int, str, str]:
+    """Return the exit status of a command line, and what it printed, without the folder's name."""
+    with TemporaryDirectory() as folder:
+        for name, content in FILES.items():
+            path = Path(folder, name)
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(content, encoding="utf-8")
+        env = os.environ | {"TMPDIR": folder, "COLUMNS": "80"}
+        done = ended([python(), str(RUN), *shlex.split(line)], cwd=folder, env=env)
+    changing = {
+        re.escape(str(Path(folder).resolve())): "FOLDER",
+        re.escape(str(RUN.parent)): "CLONE",
+        r"\d{4}-\d\d-\d\d[/ ]\d\d[-:]\d\d[-:]\d\d(,\d+)?": "DATE",
+        r"Hydra \(\S+\)": "Hydra",
+        r"usage: (.|\n)*\n(?=run.py: )": "",  # It differs between versions of Python.
+    }
+    printed, errors = done.stdout, done.stderr
+    for pattern, name in changing.items():
+        printed, errors = re.sub(pattern, name, printed), re.sub(pattern, name, errors)
+    return done.returncode, printed, errors
+
+
+def block(line: str, usual: list[str]) -> str:
+    """Return the text of the file about a command line; `usual` is the default configuration."""
+    status, printed, errors = answered(line)
+    lines = printed.splitlines()
+    if "sampler: wilson" in lines:
+        lines = [each for each in difflib.ndiff(usual, lines) if each[0] in "+-"]
+    elif len(lines) > 12:
+        lines = [*lines[:6], f"... ({len(lines) - 6} more)"]
+    shown = [*lines, *(f"! {each}" for each in errors.splitlines())]
+    return "\n".join([f"$ {line}", f"= {status}", *shown]) + "\n"
+
+
+def kept() -> list[str]:
+    """Return the blocks of the file, one for each command line."""
+    return [f"$ {each}" for each in KEPT.read_text(encoding="utf-8").split("\n$ ")[1:]]
+
+
+def typed(blocks: list[str]) -> Iterator[str]:
+    """Yield the command line of each block."""
+    for each in blocks:
+        yield each.splitlines()[0].removeprefix("$ ")
+
+
+def blocks_of(lines: list[str]) -> list[str]:
+    """Return what each command line answers now."""
+    usual = answered("--cfg job")[1].splitlines()
+    with ThreadPoolExecutor(2) as pool:
+        return list(pool.map(lambda line: block(line, usual), lines))
+
+
+def test_command_lines_answer_what_is_written_down() -> None:
+    blocks = kept()
+    assert len(blocks) > 60
+    for now, before in zip(blocks_of([*typed(blocks)]), blocks, strict=True):
+        assert now.rstrip() == before.rstrip()
+
+
+if __name__ == "__main__":
+    KEPT.write_text("\n" + "\n".join(blocks_of([*typed(kept())])), encoding="utf-8")
