@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, local_copy, read_json
+from labyrinth_core.data.storage import read_json
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.weights import read_tensors
 
 if TYPE_CHECKING:
     import torch
@@ -125,30 +127,25 @@ def _read_spec(path: Path) -> PolicySpec:
 def _read_spec_of_run(folder: Path) -> PolicySpec:
     """Return the specification of a run's policy; the file of weights names the network's shape."""
     record = folder / RECORD
-    _, metadata = _read_weights(folder / POLICY)
+    check_size(record, RECORD, record.stat().st_size)
+    content = read_run(folder)
+    assert content is not None  # The caller has found the file.
+    _, texts = _read_weights(folder / POLICY)
     try:
-        check_size(record, RECORD, record.stat().st_size)
-        network, content = json.loads(metadata["network"]), read_json(record)
-        recorded, run = content.get("files", {}).get(POLICY), content["run"]
-        if recorded not in (None, file_sha256(folder / POLICY)):
-            raise ValueError(f"{POLICY} is damaged: its sha256 is not the one in {RECORD}")
-        return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
+        network = json.loads(texts.get("network", "null"))
+        return PolicySpec.from_json(PolicySpec.of_run(network, content["run"]).to_json())
     except _UNREADABLE as error:
-        raise DatasetError(f"{folder} holds no trained policy: {one_line(error):.300}") from error
+        raise DatasetError(f"{record} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """Return the tensors and the metadata of a file of weights."""
-    from safetensors import SafetensorError, safe_open
-
+    """Return the tensors and the texts in a file of weights."""
     try:
         check_size(path, path.name, path.stat().st_size)
-        with local_copy(path) as local, safe_open(local, framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            return tensors, file.metadata() or {}
+        return read_tensors(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
-    except (*_UNREADABLE, SafetensorError) as error:
+    except _UNREADABLE as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 

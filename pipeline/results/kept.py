@@ -195,6 +195,15 @@ def _require_own_name(
         raise DatasetError(f"{path} is refused: {reason}")
 
 
+def of_equal_weights(runs: Mapping[Path, Results]) -> list[list[Path]]:
+    """Return each group of runs with the same weights, which are one policy under several names."""
+    groups: dict[str, list[Path]] = {}
+    for path, results in runs.items():
+        if weights := run_of(results).evaluated["weights"]:
+            groups.setdefault(weights, []).append(path)
+    return [paths for paths in groups.values() if len(paths) > 1]
+
+
 def comparable(runs: Mapping[Path, Results]) -> list[Results]:
     """Check that runs can be compared, and sort them by config, setup, method and seed.
 

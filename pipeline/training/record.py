@@ -11,9 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json, write_bytes, write_text
+from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
@@ -23,7 +24,6 @@ from pipeline.training.checkpoint import Progress
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
-FORMAT = 1
 
 OURS = (RECORD, POLICY, CURVES, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
@@ -72,26 +72,6 @@ def write_record(
         "files": {file: file_sha256(folder / file) for file in files},
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
-
-
-def read_record(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `run.json`, or None if the folder holds no finished run.
-
-    Raises:
-        DatasetError: The file cannot be read.
-    """
-    path = folder / RECORD
-    try:
-        content = read_json(path)
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, not {FORMAT}")
-        if not all(isinstance(content[name], dict) for name in ("run", "files")):
-            raise ValueError("its run or its files are not an object")
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (ValueError, LookupError, TypeError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
-    return dict(content)
 
 
 def open_board(folder: Path) -> Any:

@@ -7,7 +7,7 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib import import_module
@@ -28,11 +28,18 @@ from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.config.training import PROTOCOLS, TrainingOptions
-from pipeline.machinery.artifact import produced
+from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.folders import followed, held, remove
-from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
+from pipeline.training.checkpoint import (
+    INSTEAD,
+    Progress,
+    identity_in,
+    options_of,
+    save_policy,
+    without_place,
+)
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
@@ -56,14 +63,18 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     place = followed(folder)
     working = place.with_name(f".{place.name}.training")
     method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
-    identity, overwrite = identify(run, settings), run.options.overwrite
+    identity = identify(run, asdict(settings), manifest_of(run).fingerprint)
+    there, overwrite = Sums.read(folder).key or {}, run.options.overwrite
+    if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
+        # The dataset may have moved since.
+        identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
     rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
             if made is not None:
                 path = working / CHECKPOINT
-                if overwrite and path.exists() and identity_in(path) != identity:
+                if overwrite and path.exists() and identity_in(path) != without_place(identity):
                     remove(working)
                 if method.protocol:
                     _tell_changes(run.options, settings)
@@ -115,7 +126,7 @@ def choose_device(options: TrainingOptions) -> torch.device:
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
-def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
+def identify(run: Run, settings: Mapping[str, Any], fingerprint: str) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types.
 
     Of a user's method it has the hash of its module, but not of what that imports.
@@ -131,11 +142,11 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "protocol": options.protocol,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
-        "settings": asdict(settings),
+        "settings": dict(settings),
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,
-        "fingerprint": manifest_of(run).fingerprint,
+        "fingerprint": fingerprint,
         **code,
     }
 

@@ -30,6 +30,7 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
@@ -74,16 +75,46 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
     run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
     record = (run / "run.json").read_text(encoding="utf-8")
-    told = f"{run} holds no trained policy: "
+    described, read = (
+        f"{run / 'run.json'} {what}: " for what in ("describes no policy", "cannot be read")
+    )
     for old, new, reason in (
-        ('"channels": 32', '"channels": 1e9', "planner.channels is 1000000000.0, not a whole num"),
-        ('"settings"', '"others"', "'settings'"),
-        ('"protocol": "default"', '"protocol": "x"', "protocol is 'x', not one of default, paper"),
+        (
+            '"channels": 32',
+            '"channels": 1e9',
+            f"{described}planner.channels is 1000000000.0, not a",
+        ),
+        ('"settings"', '"others"', f"{read}it.run is "),
+        ('"protocol": "default"', '"protocol": "x"', f"{described}protocol is 'x', not one of"),
+        ('"run"', '"ran"', f"{read}it is {{'format': 1, 'ran': "),
+        ('"files"', '"file"', f"{read}it is "),
+        ('"epochs": 30,\n "sel', '"epochs": 31,\n "sel', f"{read}it has 31 epochs, but 30 in"),
+        ('{\n "format"', '{"format": 1, "format"', f"{read}'format' appears twice in one object"),
+        ("{", "", read),
     ):
-        (run / "run.json").write_text(record.replace(old, new), encoding="utf-8")
-        check_refused(run, told + reason)
-    save_file({}, run / "policy.safetensors")
-    check_refused(run, f"{told}'network'")
+        assert old in record
+        (run / "run.json").write_text(record.replace(old, new, 1), encoding="utf-8")
+        check_refused(run, reason)
+    weights = run / "policy.safetensors"
+    other = {name: torch.zeros_like(tensor) for name, tensor in load_file(weights).items()}
+    (run / "run.json").write_text(record, encoding="utf-8")
+    save_file(other, weights)
+    check_refused(run, f"{weights} is damaged: its sha256 is not the one in run.json")
+    changed = record.replace(file_sha256(RELEASED / "policy.safetensors"), file_sha256(weights))
+    (run / "run.json").write_text(changed, encoding="utf-8")
+    check_refused(run, f"{described}network is None, not an object with encoder, ")
+    weights.unlink()
+    check_refused(run, f"{weights} does not exist: stages=train makes it")
+
+
+def test_a_record_that_differs_from_the_list_of_hashes_is_damaged(tmp_path: Path) -> None:
+    run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
+    record = run / "run.json"
+    (run / "SHA256SUMS").write_text(f"{'0' * 64}  a.run.json\n{file_sha256(record)}  run.json\n")
+    load_policy(run)
+    text = record.read_text(encoding="utf-8")
+    record.write_text(text.replace('"sharpness": 3.0', '"sharpness": 2.0'), encoding="utf-8")
+    check_refused(run, f"{record} is damaged: its sha256 is not the one in SHA256SUMS")
 
 
 @pytest.mark.slow

@@ -23,7 +23,7 @@ from pipeline.config.run import Run
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES, FORMAT, RECORD, read_record
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 
 pytestmark = pytest.mark.slow
 
@@ -154,22 +154,6 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
             train.run(run_of(overwrite=True))
         assert (folder / name).read_bytes() == b"mine"
         (folder / name).unlink()
-
-
-@pytest.mark.parametrize(
-    "content",
-    [
-        [],
-        {},
-        {"format": 0},
-        {"format": FORMAT, "run": [], "files": {}},
-        {"format": FORMAT, "run": {}, "files": None},
-    ],
-)
-def test_a_record_of_another_form_is_refused_in_one_line(tmp_path: Path, content: Any) -> None:
-    (tmp_path / RECORD).write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match=rf"\A.*{RECORD} cannot be read: .*\Z"):
-        read_record(tmp_path)
 
 
 def test_the_labyrinths_of_test_are_never_opened(
