@@ -155,11 +155,13 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
 
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
     from labyrinth_core.policies.networks.mapping import Mapper
+    from labyrinth_core.policies.networks.network import usual_defaults
 
     def make() -> torch.nn.Module:
         return make_network(spec.network, average=spec.average, own=spec.own)
 
-    with torch.device("meta"):  # Allocates no memory: a file could ask for any amount.
+    # On this device no memory is allocated: a file could ask for any amount.
+    with usual_defaults(), torch.device("meta"):
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
     tensors, _ = _read_weights(path)
     for name in sorted(expected.keys() | tensors.keys()):
@@ -167,8 +169,10 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
         found = None if tensor is None else (tensor.shape, tensor.dtype)
         if found != expected.get(name):
             is_, should_be = map(_described, (found, expected.get(name)))
-            raise DatasetError(f"{path} is of another network: {name} is {is_}, not {should_be}")
-    network = make()
+            told = f"{name} is {is_}, not {should_be}".replace("\n", "\\n")
+            raise DatasetError(f"{path} is of another network: {told:.300}")
+    with usual_defaults():
+        network = make()
     network.load_state_dict(tensors)
     network.eval()
     if isinstance(network, Mapper):

@@ -16,6 +16,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.pictures.vector import tile_count
+from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import check
@@ -29,6 +30,7 @@ from pipeline.training.record import training_versions
 from pipeline.training.train import choose_device, identify, loader_of, spec_of
 
 
+@usual_defaults()
 def judge_trained(run: Run) -> Judged:
     """Evaluate the policy of a run on its own dataset or on `evaluate_on`; return its results.
 

@@ -24,6 +24,7 @@ from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
@@ -91,6 +92,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     )
 
 
+@usual_defaults()
 def _train(
     run: Run, folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
 ) -> Progress:

@@ -20,6 +20,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.evaluation.trained import judge_trained
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
@@ -67,6 +68,22 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert ["validation_sr" in row for row in record["history"]] == [False, True, True]
     assert record["selected"] in record["history"]
     assert "SR" in capsys.readouterr().out
+
+
+def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
+    run_of: Callable[..., Run],
+) -> None:
+    runs = run_of("usual"), run_of("other")
+    train.run(runs[0])
+    torch.set_default_dtype(torch.float64)
+    torch.set_default_device("meta")
+    try:
+        train.run(runs[1])
+        assert judge_trained(runs[1]).results.way == "look-ups"
+    finally:
+        torch.set_default_device(None)
+        torch.set_default_dtype(torch.float32)
+    assert weights_of(runs[0]) == weights_of(runs[1])
 
 
 def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
@@ -226,6 +243,10 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         (
             {"method": {"name": "planner", "path_prior": 1}},
             "method.path_prior=1: give true or false",
+        ),
+        (
+            {"method": {"name": "planner", "path_prior": False, "iterations": 251}},
+            "method.iterations is 251: without path_prior, channels=32 and average=true allow at",
         ),
         (
             {"method": {"name": "planner", "sharpness": 1001}},
