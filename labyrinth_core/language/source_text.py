@@ -176,6 +176,11 @@ def printable(text: str) -> str:
     )
 
 
+def printable_name(name: str) -> str:
+    """Escape the characters of a name that do not print, line breaks too."""
+    return printable(name).replace("\n", "\\n")
+
+
 def escape_output() -> None:
     """Make stdout and stderr escape what they cannot encode, so that no message fails.
 

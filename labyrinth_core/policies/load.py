@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.storage import read_json
+from labyrinth_core.language.source_text import printable_name
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
@@ -169,8 +170,8 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
         found = None if tensor is None else (tensor.shape, tensor.dtype)
         if found != expected.get(name):
             is_, should_be = map(_described, (found, expected.get(name)))
-            told = f"{name} is {is_}, not {should_be}".replace("\n", "\\n")
-            raise DatasetError(f"{path} is of another network: {told:.300}")
+            told = f"{printable_name(name):.200} is {is_}, not {should_be}"
+            raise DatasetError(f"{path} is of another network: {told}")
     with usual_defaults():
         network = make()
     network.load_state_dict(tensors)

@@ -6,7 +6,8 @@ import io
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -74,8 +75,11 @@ def write_record(
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
 
 
-def open_board(folder: Path) -> Any:
-    """Return a TensorBoard `SummaryWriter` for the folder `tensorboard/` of a run.
+@contextmanager
+def open_board(folder: Path) -> Iterator[Any]:
+    """Yield a TensorBoard `SummaryWriter` for the folder `tensorboard/` of a run.
+
+    TensorBoard puts the computer's name into those of its files; it is removed at the end.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -85,7 +89,10 @@ def open_board(folder: Path) -> Any:
     except ImportError as error:
         needed = "pip install 'labyrinth-datasets[tensorboard]'"
         raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-    return SummaryWriter(str(folder / BOARD))
+    with SummaryWriter(str(folder / BOARD)) as board:
+        yield board
+    for path in (folder / BOARD).iterdir():
+        path.rename(path.with_name(".".join(path.name.split(".")[:4])))
 
 
 def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:

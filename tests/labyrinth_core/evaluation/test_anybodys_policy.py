@@ -382,12 +382,15 @@ def test_what_is_no_policy_is_refused(datasets, policy, message):
         ({"observation": "sound"}, ValueError, "observation=sound: choose one of image, vector"),
         ({"splits": ["tset"]}, DatasetError, "split=tset: the dataset has train, validation, test"),
         ({"splits": []}, DatasetError, r"split=\[\]: the dataset has train"),
+        ({"splits": 5}, ValueError, r"splits=5: give names such as \['test'\]"),
+        ({"source": 5}, ValueError, "source=5: give a folder, or an id such as user/labyrinth"),
+        ({"config": 5}, ValueError, "config=5: give a name, such as '5x5'"),
         ({"revision": "1"}, ValueError, "revision=1: .* is a folder, which has no revisions"),
     ],
 )
 def test_an_impossible_argument_is_told_in_one_line(datasets, options, kind, message):
     with pytest.raises(kind, match=rf"\A{message}"):
-        evaluate(chance, datasets, "3x4", **options)
+        evaluate(chance, **{"source": datasets, "config": "3x4"} | options)
 
 
 # The dataset, and the results.

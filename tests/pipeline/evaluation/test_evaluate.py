@@ -150,6 +150,34 @@ def test_every_change_of_a_record_is_damage(trained, run_of, tmp_path):
     stage.run(run)
 
 
+def test_damaged_results_of_a_run_are_written_anew_as_the_message_says(trained, run_of, tmp_path):
+    shutil.copytree(trained.options.run_dir, tmp_path / "runs")
+    run = run_of(trained.data_dir, tmp_path / "runs")
+    stage.run(run)
+    path = run.training_folder / "results.json"
+    right = path.read_bytes()
+    path.write_bytes(right.replace(b'"seed": 0', b'"seed": 1'))
+    with pytest.raises(DatasetError, match=r"results.json: .* or give overwrite=true to write it"):
+        stage.run(run)
+    stage.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
+    assert path.read_bytes() == right
+
+
+def test_a_home_folder_is_named_in_files_as_it_was_typed(trained, run_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    shutil.copytree(trained.data_dir, tmp_path / "lab")
+    for number, options in enumerate(
+        ({"data_dir": "~/lab/"}, {"data_dir": "x", "dataset": "~/lab"})
+    ):
+        run = run_of(options.pop("data_dir"), tmp_path / "runs" / str(number), **options)
+        train.run(run)
+        stage.run(run)
+        for path in run.training_folder.iterdir():
+            assert bytes(tmp_path) not in path.read_bytes(), path
+        results = Results.load(run.training_folder / "results.json")
+        assert results.dataset == results.run.dataset == "~/lab"
+
+
 def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_path):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(trained.data_dir, tmp_path / "runs")

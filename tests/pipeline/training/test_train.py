@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import shutil
+import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -192,6 +194,8 @@ def test_the_curves_are_written_for_tensorboard_on_request(run_of: Callable[...,
     train.run(run)
     events = list((run.training_folder / BOARD).iterdir())
     assert len(events) == 1
+    assert re.fullmatch(r"events\.out\.tfevents\.\d+", events[0].name)  # No name of a computer.
+    assert socket.gethostname().encode() not in events[0].read_bytes()
     assert b"validation_sr" in events[0].read_bytes()
 
 
