@@ -23,6 +23,8 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
@@ -42,8 +44,7 @@ from pipeline.training.checkpoint import (
     without_place,
 )
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
-from pipeline.training.methods.acting import Steps, load_steps
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
+from pipeline.training.methods.method import find
 from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
 
 

@@ -13,10 +13,10 @@ from learning import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.learning.learner import Learner, Problem
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import Learner, Problem
 
 pytestmark = pytest.mark.slow
 

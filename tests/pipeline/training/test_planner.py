@@ -18,6 +18,7 @@ from torch import nn
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.learning.learner import Problem
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman
@@ -30,7 +31,6 @@ from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
-from pipeline.training.methods.method import Problem
 
 pytestmark = pytest.mark.slow
 
