@@ -263,13 +263,16 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     """Return the folder with a dataset's manifest, or None for an id on the Hub.
 
     Raises:
-        ValueError: A revision is given for a folder, or `config` is not a string.
+        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
         DatasetError: The source is neither a folder nor an id, or has no such config.
     """
     if not isinstance(config, str):
         raise ValueError(f"config={config!r}: give a name, such as '5x5'")
     try:
         folder = folder_at(source)
+    except TypeError as error:
+        told = "give a folder, or an id such as user/labyrinth"
+        raise ValueError(f"source={source!r:.60}: {told}") from error
     except ValueError as error:
         raise DatasetError(str(error)) from error
     if folder.is_dir():

@@ -32,6 +32,7 @@ from labyrinth_core.evaluation.results_form import (
 )
 from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -56,7 +57,7 @@ replanner: replans after each step and assumes that unseen passages are open;
 with memory, and without."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Results:
     """The results of a policy on the splits of a dataset."""
 
@@ -90,7 +91,7 @@ class Results:
     judged: Judgement | None = None
     """What the judge of a season signs; None for other results."""
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Return the figures as tables with a line for each split, and the legend."""
         return "\n".join([self.tables(), "", *self.legend()])
 
@@ -118,7 +119,8 @@ class Results:
         if self.image_size is not None:
             shown += f" of {self.image_size} x {self.image_size}"
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        return f"{self.config} of {self.dataset}\n{shown}, {count} per labyrinth, by {self.way}"
+        dataset = printable_line(self.dataset)
+        return f"{self.config} of {dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,

@@ -111,6 +111,14 @@ _SHAPE = {
     "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),
 }
 
+TRAINING = {
+    "epochs": COUNT,
+    "seconds": Number(0),
+    "selected": {"epoch": COUNT},
+    "computed": {"device": _WORD},
+}
+"""The shape of how a policy was trained, in results and in the record of a run."""
+
 RUN = {
     "method": _WORD,
     "encoder": _WORD,
@@ -122,12 +130,7 @@ RUN = {
     "dataset": _TEXT,
     "revision": Maybe(_TEXT),
     "fingerprint": _HASH,
-    "training": {
-        "epochs": COUNT,
-        "seconds": Number(0),
-        "selected": {"epoch": COUNT},
-        "computed": {"device": _WORD},
-    },
+    "training": TRAINING,
     "evaluated": {"device": _WORD, "versions": Named(_TEXT, _TEXT), "weights": Maybe(_HASH)},
     "references_know": Maybe(_HASH),
     "as_tried": Maybe(Named(_SPLIT_NAME, Named(_WORD, Number()))),

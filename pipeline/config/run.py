@@ -195,9 +195,14 @@ class Run:
 
     @property
     def source(self) -> str:
-        """The dataset to learn from: a folder, or an id on the Hub."""
-        own = str(folder_at(self.options.data_dir))
-        return own if self.options.dataset is None else self.options.dataset
+        """The dataset to learn from: a folder, or an id on the Hub.
+
+        Results name it, so that a home folder stays `~` in them.
+        """
+        if self.options.dataset is not None:
+            return self.options.dataset
+        typed = self.options.data_dir
+        return str(Path(typed) if typed.startswith("~") else folder_at(typed))
 
     @property
     def dataset_on_hub(self) -> tuple[str, str | None]:

@@ -16,7 +16,7 @@ from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
-from pipeline.evaluation.named import INSTEAD, Judged, judge_named
+from pipeline.evaluation.named import Judged, instead_of, judge_named
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 
@@ -41,7 +41,7 @@ def run(run: Run) -> None:
         judged = judge_trained(run)
     path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
     overwrite = run.options.overwrite
-    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=INSTEAD)
+    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=instead_of(run))
     if run.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
         written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)

@@ -103,7 +103,13 @@ def judge_named(run: Run) -> Judged:
 
 def require_free(path: Path, key: Key, run: Run) -> None:
     """Raise a DatasetError if results may not be written to `path`."""
-    Sums.read(path.parent).require_free({path.name: b""}, key, run.options.overwrite, INSTEAD)
+    sums, overwrite = Sums.read(path.parent), run.options.overwrite
+    sums.require_free({path.name: b""}, key, overwrite, instead_of(run))
+
+
+def instead_of(run: Run) -> str:
+    """Return what to do if results cannot be written; those of a run have no other place."""
+    return INSTEAD if run.options.policy else "give overwrite=true to write it anew"
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

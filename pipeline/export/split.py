@@ -80,11 +80,13 @@ class Split:
             return "a uniformly random policy"
         if config.noise:
             return f"a shortest route, erring with probability {config.noise}"
-        return {
-            "shortest": "a shortest route",
-            "all_shortest": "every shortest route",
-            "all": "every simple route",
-        }[config.solutions]
+        if config.solutions == "shortest":
+            return "a shortest route"
+        kind = "simple" if config.solutions == "all" else "shortest"
+        every = f"every {kind} route"
+        if any(shard.cut for shard in self.manifest.of(self.name)):
+            every += f", at most {config.solutions_limit:,} per labyrinth"
+        return every
 
     def record(self) -> dict[str, Any]:
         """Return the origin of the export in plain types; equal records mean equal exports."""

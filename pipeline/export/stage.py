@@ -58,6 +58,8 @@ def _export(split: Split, target: Path, write: Callable[[Split, Path], None], ru
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.
         reason = getattr(error, "strerror", None) or one_line(error)
+        if "unable to lock file" in reason:  # By HDF5, as on some network drives.
+            reason += "; without locks: set HDF5_USE_FILE_LOCKING=FALSE in the environment"
         raise DatasetError(f"{target} cannot be written: {reason}") from error
     say(f"{target} {'is there already' if made is None else f'has {split.count:,} episodes'}")
 

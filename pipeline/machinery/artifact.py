@@ -32,6 +32,7 @@ from labyrinth_core.data.storage import (
     write_bytes,
     write_text,
 )
+from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import followed, held, move_into_place, recover, remove
 
@@ -327,9 +328,9 @@ def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
 def differences(there: Key, asked: Key) -> str:
     """Return how two keys differ, such as `seed=3, not 4`; all of `there` if no name is shared."""
     if there and not there.keys() & asked.keys():
-        return "; ".join(f"{name}={value}" for name, value in there.items())
+        return printable_line("; ".join(f"{name}={value}" for name, value in there.items()))
     return "; ".join(
-        f"{name}={there.get(name)}, not {asked.get(name)}"
+        printable_line(f"{name}={there.get(name)}, not {asked.get(name)}")
         for name in {**asked, **there}
         if json.dumps(there.get(name)) != json.dumps(asked.get(name))
     )

@@ -47,7 +47,7 @@ def manifest_of(run: Run) -> Manifest:
         DatasetError: The dataset does not exist.
     """
     options = run.options
-    if run.source == str(run.data_dir):
+    if run.options.dataset is None:
         _check_there(run)
     try:
         folder = locate(run.source, run.dataset.name, [], options.revision)

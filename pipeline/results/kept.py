@@ -13,6 +13,7 @@ from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in
 from labyrinth_core.language.collection import files_in
+from labyrinth_core.language.source_text import printable_line
 from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.config.training import SUBMISSIONS, check_run
@@ -196,6 +197,15 @@ def _require_own_name(
         raise DatasetError(f"{path} is refused: {reason}")
 
 
+def of_equal_weights(runs: Mapping[Path, Results]) -> list[list[Path]]:
+    """Return each group of runs with the same weights, which are one policy under several names."""
+    groups: dict[str, list[Path]] = {}
+    for path, results in runs.items():
+        if weights := run_of(results).evaluated["weights"]:
+            groups.setdefault(weights, []).append(path)
+    return [paths for paths in groups.values() if len(paths) > 1]
+
+
 def comparable(runs: Mapping[Path, Results]) -> list[Results]:
     """Check that runs can be compared, and sort them by config, setup, method and seed.
 
@@ -223,7 +233,8 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         # A setting that only one of them has is newer, and has no effect by default.
         common = [name for name in mine if name in others and mine[name] != others[name]]
         if common:
-            differing = ", ".join(f"{name}={mine[name]} and {others[name]}" for name in common)
+            pairs = (f"{name}={mine[name]} and {others[name]}" for name in common)
+            differing = printable_line(", ".join(pairs))
             raise DatasetError(
                 f"{path} and {other} have different settings, {differing}, so they cannot "
                 "be averaged: remove one, or choose another results_dir"

@@ -21,7 +21,7 @@ from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import Available, comparable, gather, read_all
+from pipeline.results.kept import RUNS, Available, comparable, gather, of_equal_weights, read_all
 from pipeline.results.leaderboard import LEADERBOARD, leaderboard
 from pipeline.results.paper import title_of
 from pipeline.results.tables import tables
@@ -73,6 +73,9 @@ def run(run: Run) -> None:
             console.print(overview(list(of_config)))
         say_once(LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
+    for paths in of_equal_weights(found):
+        names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)
+        say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
     for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")

@@ -7,7 +7,7 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib import import_module
@@ -23,26 +23,30 @@ from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.networks.network import usual_defaults
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import CONFIG, Run
 from pipeline.config.training import PROTOCOLS, TrainingOptions
-from pipeline.machinery.artifact import produced
+from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
 from pipeline.machinery.folders import followed, held, remove
-from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
-from pipeline.training.loop import CHECKPOINT_SECONDS, fit
-from pipeline.training.methods.acting import Steps, load_steps
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.record import (
-    CHECKPOINT,
-    OURS,
-    open_board,
-    selected_rate,
-    write_record,
+from pipeline.training.checkpoint import (
+    INSTEAD,
+    Progress,
+    identity_in,
+    options_of,
+    save_policy,
+    without_place,
 )
+from pipeline.training.loop import CHECKPOINT_SECONDS, fit
+from pipeline.training.methods.method import find
+from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
 
 
 def refuse(run: Run) -> None:
@@ -65,14 +69,18 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
     place = followed(folder)
     working = place.with_name(f".{place.name}.training")
     method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
-    identity, overwrite = identify(run, settings), run.options.overwrite
+    identity = identify(run, asdict(settings), manifest_of(run).fingerprint)
+    there, overwrite = Sums.read(folder).key or {}, run.options.overwrite
+    if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
+        # The dataset may have moved since.
+        identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
     rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
             if made is not None:
                 path = working / CHECKPOINT
-                if overwrite and path.exists() and identity_in(path) != identity:
+                if overwrite and path.exists() and identity_in(path) != without_place(identity):
                     remove(working)
                 if method.protocol:
                     _tell_changes(run.options, settings)
@@ -82,7 +90,9 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         say(f"{folder} is complete already.")
-        return selected_rate(folder)
+        record = read_run(folder)
+        assert record is not None  # The folder is complete.
+        return float(record["selected"]["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
         f"{run.run_name.name}: SR {done.best['validation_sr']:.1%} on validation, "
@@ -92,6 +102,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
     return float(done.best["validation_sr"])
 
 
+@usual_defaults()
 def _train(
     run: Run, folder: Path, path: Path, identity: dict[str, Any], checkpoint_seconds: float
 ) -> Progress:
@@ -127,7 +138,7 @@ def choose_device(options: TrainingOptions) -> torch.device:
     return torch.device("cuda" if available and options.device != "cpu" else "cpu")
 
 
-def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
+def identify(run: Run, settings: Mapping[str, Any], fingerprint: str) -> dict[str, Any]:
     """Return everything that determines the weights of a run, in plain types.
 
     Of a user's method it has the hash of its module, but not of what that imports.
@@ -143,11 +154,11 @@ def identify(run: Run, settings: BaseSettings) -> dict[str, Any]:
         "protocol": options.protocol,
         "train_labyrinths": options.train_labyrinths,
         "seed": options.seed,
-        "settings": asdict(settings),
+        "settings": dict(settings),
         "config": run.dataset.name,
         "dataset": run.source,
         "revision": options.revision,
-        "fingerprint": manifest_of(run).fingerprint,
+        "fingerprint": fingerprint,
         **code,
     }
 

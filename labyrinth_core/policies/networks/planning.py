@@ -75,8 +75,10 @@ def path_costs(costs: Tensor, iterations: int, *, rest: bool = False) -> Tensor:
     Args:
         costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
         iterations: The greatest number of iterations.
-        rest: Whether to stop as soon as nothing changes.
+        rest: Whether to stop as soon as nothing changes; or at once, if a cost is not a number.
     """
+    if rest and costs.isnan().any():
+        iterations = 0  # Nothing would ever be equal.
     step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
     distance = end
     for _ in range(iterations):

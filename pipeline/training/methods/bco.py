@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import roll_out, softmax
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import roll_out, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
 from labyrinth_core.policies.networks.network import (
     ACTIONS,
     SLOPE,
@@ -44,8 +46,6 @@ from labyrinth_core.policies.networks.network import (
     as_input,
 )
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.methods.acting import Rollout, roll_out, settle, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import roll_out, settle, softmax
 from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import roll_out, settle, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,19 @@ def read(tmp_path_factory):
     return read_content
 
 
+def test_in_a_notebook_results_show_their_table_and_send_no_control_characters(read, content):
+    content["dataset"]["source"] = "evil\x1b[2J\nforged  100.0"
+    found = read(content)
+    assert repr(found) == str(found) == "\n".join([found.tables(), "", *found.legend()])
+    assert found.tables().splitlines()[0] == r"3x3 of evil\x1b[2J\nforged  100.0"
+    content["method"]["details"] = {"a\x1b\nb": "many"}
+    with pytest.raises(DatasetError) as error:
+        read(content)
+    told = r"it.method.details.a\x1b\nb is 'many', not a whole number from 0"
+    assert told in str(error.value)
+    assert str(error.value.__cause__).isprintable()
+
+
 def refused(read, content, known, why):
     """Check that content is refused in one line that says why."""
     with pytest.raises((DatasetError, ValueError)) as error:

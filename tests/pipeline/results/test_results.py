@@ -213,6 +213,18 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
     assert ",True,train," not in board.read_text()
 
 
+def test_runs_of_equal_weights_are_named(evaluated, run_of, tmp_path, capsys):
+    runs = tmp_path / "runs"
+    for seed, weights in enumerate(("a" * 64, "b" * 64, "a" * 64, None, None)):
+        found = of(evaluated, "bc-cnn-seed0")
+        made = replace(found.run, seed=seed, evaluated=found.run.evaluated | {"weights": weights})
+        keep(replace(found, seed=seed, run=made), runs)
+    stage.run(run_of(runs))
+    told = [line for line in capsys.readouterr().out.splitlines() if "Equal weights" in line]
+    names = "3x3/bc-cnn-seed0.json, 3x3/bc-cnn-seed2.json"
+    assert told == [f"Equal weights, so one policy that counts 2 times: {names}"]
+
+
 @pytest.mark.slow
 def test_runs_on_other_labyrinths_are_not_compared(evaluated, run_of, tmp_path):
     runs = shutil.copytree(evaluated, tmp_path / "runs")

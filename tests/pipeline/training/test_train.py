@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import shutil
+import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,10 +22,11 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import Run
+from pipeline.evaluation.trained import judge_trained
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES, FORMAT, RECORD, read_record
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 
 pytestmark = pytest.mark.slow
 
@@ -75,6 +78,22 @@ def test_a_run_returns_its_success_rate_on_validation_which_a_sweep_may_maximise
     run = run_of()
     made, there_already = train.run(run), train.run(run)
     assert made == there_already == record_of(run)["selected"]["validation_sr"]
+
+
+def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
+    run_of: Callable[..., Run],
+) -> None:
+    runs = run_of("usual"), run_of("other")
+    train.run(runs[0])
+    torch.set_default_dtype(torch.float64)
+    torch.set_default_device("meta")
+    try:
+        train.run(runs[1])
+        assert judge_trained(runs[1]).results.way == "look-ups"
+    finally:
+        torch.set_default_device(None)
+        torch.set_default_dtype(torch.float32)
+    assert weights_of(runs[0]) == weights_of(runs[1])
 
 
 def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
@@ -164,22 +183,6 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
         (folder / name).unlink()
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        [],
-        {},
-        {"format": 0},
-        {"format": FORMAT, "run": [], "files": {}},
-        {"format": FORMAT, "run": {}, "files": None},
-    ],
-)
-def test_a_record_of_another_form_is_refused_in_one_line(tmp_path: Path, content: Any) -> None:
-    (tmp_path / RECORD).write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match=rf"\A.*{RECORD} cannot be read: .*\Z"):
-        read_record(tmp_path)
-
-
 def test_the_labyrinths_of_test_are_never_opened(
     run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path
 ) -> None:
@@ -199,6 +202,8 @@ def test_the_curves_are_written_for_tensorboard_on_request(run_of: Callable[...,
     train.run(run)
     events = list((run.training_folder / BOARD).iterdir())
     assert len(events) == 1
+    assert re.fullmatch(r"events\.out\.tfevents\.\d+", events[0].name)  # No name of a computer.
+    assert socket.gethostname().encode() not in events[0].read_bytes()
     assert b"validation_sr" in events[0].read_bytes()
 
 
@@ -250,6 +255,10 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
         (
             {"method": {"name": "planner", "path_prior": 1}},
             "method.path_prior=1: give true or false",
+        ),
+        (
+            {"method": {"name": "planner", "path_prior": False, "iterations": 251}},
+            "method.iterations is 251: without path_prior, channels=32 and average=true allow at",
         ),
         (
             {"method": {"name": "planner", "sharpness": 1001}},

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, State, replay
 from labyrinth_core.world.labyrinth import Labyrinth, Task
-from pipeline.config.errors import check
 
 NO_LABEL = -1
 
@@ -84,20 +83,6 @@ class ExampleSampler:
                 labels[there.agent] = _action(episode, index, step)
         rows = labels.reshape(structure.height, structure.width)[::-1]
         return (labyrinth, state), rows
-
-
-def require_shortest(arrays: LabyrinthArrays) -> None:
-    """Raise a ConfigError unless all demonstrated routes are shortest.
-
-    A part of a longer route need not be a shortest route between its ends.
-    """
-    longer = int(arrays.demonstrated[~arrays.optimal].sum())
-    check(
-        not longer,
-        f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
-        f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
-        "method.relabel=false",
-    )
 
 
 def _action(episode: Episode, index: int, step: int) -> int:
