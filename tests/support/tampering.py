@@ -93,7 +93,8 @@ def put_shards(
         with pq.ParquetWriter(path, table.schema) as writer:
             for begin, end in pairwise([*groups_of(table), len(table)]):
                 writer.write_table(table.slice(begin, end - begin), row_group_size=end - begin)
-        made = {"path": path.name, "rows": len(table), "sha256": file_sha256(path)}
+        made = {"path": path.name, "rows": len(table), "bytes": path.stat().st_size}
+        made |= {"sha256": file_sha256(path), "labyrinths": len(table["info"].unique())}
         shards.append(replace(old[min(number, len(old) - 1)], **made))
     replace(manifest, shards=tuple(shards)).write(folder)
 
