@@ -297,10 +297,28 @@ def derived_from(parents: NDArray[np.int64]) -> Filter:
     return field("parent_id").isin([f"{each:016x}" for each in parents.tolist()])
 
 
-def require_unchanged(source: str | Path, config: str, fingerprint: str) -> None:
-    """Raise a DatasetError if a folder's dataset no longer has this fingerprint."""
+def require_unchanged(
+    source: str | Path, config: str, fingerprint: str, revision: str | None = None
+) -> None:
+    """Raise a DatasetError if a dataset no longer has this fingerprint.
+
+    A job that reads several splits or shards calls this after it has opened the last. Of the Hub,
+    the newest commit counts that this machine has met; no request is made.
+    """
     folder = folder_at(source) / config
-    if folder.is_dir() and Manifest.read(folder).fingerprint != fingerprint:
+    if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
+        from huggingface_hub import snapshot_download
+
+        patterns = [f"{config}/{MANIFEST}"]
+        snapshot = snapshot_download(
+            str(source),
+            repo_type="dataset",
+            revision=revision,
+            allow_patterns=patterns,
+            local_files_only=True,
+        )
+        folder = Path(snapshot, config)
+    if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
         raise replaced(folder)
 
 

@@ -15,7 +15,7 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
@@ -244,11 +244,18 @@ def unless_replaced(folder: AnyPath, file: Shard | TableFile) -> Iterator[None]:
     try:
         yield
     except DatasetError as error:
-        with suppress(DatasetError):
-            there = Manifest.read(folder, renamed=True) if (folder / MANIFEST).is_file() else None
-            if there is None or file not in (*there.shards, there.labyrinths):
-                raise replaced(folder) from error
+        if not _lists(folder, file):
+            raise replaced(folder) from error
         raise
+
+
+def _lists(folder: AnyPath, file: Shard | TableFile) -> bool:
+    """Return whether the manifest in a folder lists a file; also true if it is damaged."""
+    try:
+        manifest = Manifest.read(folder, renamed=True)
+    except DatasetError:
+        return (folder / MANIFEST).is_file()
+    return file in (*manifest.shards, manifest.labyrinths)
 
 
 @contextmanager

@@ -93,8 +93,9 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
         plain = (batch[name] for name in ("actions", "rewards", "episode_starts", "info"))
         columns = [values_of(column) for column in (*obs, *plain)]
         del batch  # It holds the pictures a second time.
-        for number, values in enumerate(zip(*columns, strict=True), start=first):
-            row = Row(*values, picture_digest=b"")
+        rows = zip(*columns, strict=True)
+        for number, (picture, path, action, paid, starts, info) in enumerate(rows, start=first):
+            row = Row(picture, path, action, paid, starts, info, b"")
             if None in row:
                 missing = next(name for name, value in row._asdict().items() if value is None)
                 column = missing.removesuffix("_path")

@@ -196,6 +196,6 @@ def test_a_folder_that_a_link_leads_to_is_replaced_and_the_link_stays(
     for seed in (1, 2):
         build(folder.parent, seed=seed, overwrite=True)
         assert folder.is_symlink()
-        assert Manifest.read(elsewhere).config.seed == seed
+        assert Manifest.read(folder).config.seed == seed
         assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
         assert [path.name for path in elsewhere.parent.iterdir()] == ["large"]
