@@ -133,6 +133,11 @@ class Transitions:
         """Return one transition as views of `frames`, or a batch as new arrays."""
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
+            if rows.ndim != 1:  # As for True, None and arrays of two axes.
+                raise IndexError(
+                    f"index={index!r:.60}: give a number, a slice, or one axis of numbers or "
+                    "booleans"
+                )
             return TransitionBatch(
                 self.frames.take(rows, axis=0),
                 np.array(self.actions[index]),
