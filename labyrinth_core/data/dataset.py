@@ -309,15 +309,19 @@ def require_unchanged(
     if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
         from huggingface_hub import snapshot_download
 
-        patterns = [f"{config}/{MANIFEST}"]
-        snapshot = snapshot_download(
-            str(source),
-            repo_type="dataset",
-            revision=revision,
-            allow_patterns=patterns,
-            local_files_only=True,
-        )
-        folder = Path(snapshot, config)
+        from labyrinth_core.data.hub import UNAVAILABLE
+
+        try:
+            found = snapshot_download(
+                str(source),
+                repo_type="dataset",
+                revision=revision,
+                allow_patterns=[f"{config}/{MANIFEST}"],
+                local_files_only=True,
+            )
+        except UNAVAILABLE:
+            return
+        folder = Path(found, config)
     if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
         raise replaced(folder)
 
@@ -353,6 +357,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 
 def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
     from huggingface_hub import HfApi, snapshot_download
+    from huggingface_hub.errors import RevisionNotFoundError
 
     from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
 
@@ -365,10 +370,26 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
         if _has_episodes(Path(snapshot, config)):
             return Path(snapshot) / config
         there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+    except RevisionNotFoundError as error:
+        raise DatasetError(_no_revision(source, revision)) from error
     except UNAVAILABLE as error:
         raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
     manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
     raise _no_config(source, config, manifests)
+
+
+def _no_revision(source: str, revision: str | None) -> str:
+    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import UNAVAILABLE
+
+    message = f"{source} has no revision {revision}"
+    try:
+        refs = HfApi().list_repo_refs(source, repo_type="dataset")
+    except UNAVAILABLE:
+        return message
+    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
 
 
 def why_unavailable(source: str, error: Exception) -> str:

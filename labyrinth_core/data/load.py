@@ -134,9 +134,9 @@ class Transitions:
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
             if rows.ndim != 1:  # As for True, None and arrays of two axes.
+                given = " ".join(repr(index).split())
                 raise IndexError(
-                    f"index={index!r:.60}: give a number, a slice, or one axis of numbers or "
-                    "booleans"
+                    f"index={given:.60}: give a number, a slice, or one axis of numbers or booleans"
                 )
             return TransitionBatch(
                 self.frames.take(rows, axis=0),

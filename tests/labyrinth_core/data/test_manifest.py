@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -183,3 +184,51 @@ def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) 
         shards = (*manifest.shards[:place], other, *manifest.shards[place + 1 :])
         changed = Manifest(manifest.config, manifest.versions, shards)
         assert changed.fingerprint != manifest.fingerprint
+
+
+REBUILD = "build it again with overwrite=true, or download it again"
+
+
+@pytest.mark.parametrize(
+    ("raw", "reason"),
+    [
+        (b"", "Expecting value: line 1 column 1"),
+        (b'{"format": 2, "name"', "Expecting ':' delimiter: line 1 column 21"),
+        (bytes(range(128, 256)) * 9, "'utf-8' codec can't decode byte 0x80 in position 0"),
+        (b"[]", "it is not the manifest of a dataset"),
+        (b"3", "it is not the manifest of a dataset"),
+        (b"{}", "it has no 'format'"),
+    ],
+)
+def test_a_damaged_manifest_is_told_in_one_short_line_with_advice(
+    folder: Path, raw: bytes, reason: str
+) -> None:
+    (folder / MANIFEST).write_bytes(raw)
+    with pytest.raises(DatasetError) as caught:
+        Manifest.read(folder)
+    message = str(caught.value)
+    assert message.startswith(f"{folder / MANIFEST} cannot be read: {reason}")
+    assert message.endswith(REBUILD)
+    assert len(message) < len(str(folder)) + 300
+    assert message.isprintable()
+
+
+@pytest.mark.parametrize("form", [1, 4, "2", None, [], {}])
+def test_a_manifest_of_another_format_is_not_called_damaged(
+    content: Any, folder: Path, form: Any
+) -> None:
+    with pytest.raises(DatasetError, match=r"has format .*, and this version reads 2 and 3: use"):
+        read_back(folder, content | {"format": form})
+
+
+@pytest.mark.parametrize("field", ["task", "solutions", "sampler", "shifts", "\x1b[31m"])
+def test_control_characters_of_a_manifest_are_not_sent_to_a_terminal(
+    content: Any, folder: Path, field: str
+) -> None:
+    evil = "\x1b[2J\r\x9b31m\u202e\nforged"
+    value = [evil] if field == "shifts" else evil
+    with pytest.raises(DatasetError) as caught:
+        read_back(folder, content | {"config": content["config"] | {field: value}})
+    printed = "".join(traceback.format_exception(caught.value))
+    assert printed.replace("\n", "").isprintable()
+    assert str(caught.value).isprintable()
