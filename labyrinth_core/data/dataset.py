@@ -13,28 +13,27 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import QUESTIONS, DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
+from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.manifest import (
     MANIFEST,
     TABLE,
     Manifest,
     Shard,
     replaced,
-    table_groups,
 )
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
+from labyrinth_core.data.selection import Filter as Filter
+from labyrinth_core.data.selection import Spans, ends_of, select
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
-from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
-    from pyarrow.compute import Expression
     from pyarrow.parquet import ParquetFile
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
@@ -44,12 +43,6 @@ FULL = GROUP_BYTES // 4
 
 Marks = NDArray[np.int8]
 """Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
-
-Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""The first row in the split and the number of rows of each of some labyrinths, in order."""
-
-Filter: TypeAlias = "Expression"
-"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +71,7 @@ class Part:
             return np.array([shard.rows for shard in self.shards])
         firsts, rows = self.spans
         counts = np.zeros(len(self.shards), np.int64)
-        np.add.at(counts, np.searchsorted(_ends(self.shards), firsts, "right"), rows)
+        np.add.at(counts, np.searchsorted(ends_of(self.shards), firsts, "right"), rows)
         return counts
 
     def key(self) -> list[str]:
@@ -106,7 +99,7 @@ class Part:
     def _marks(self, spans: Spans, number: int) -> Marks:
         """Return the marks of the rows of a shard, which has as many as the manifest says."""
         count = self.shards[number].rows
-        begin = int(_ends(self.shards)[number]) - count
+        begin = int(ends_of(self.shards)[number]) - count
         own = slice(*np.searchsorted(spans[0], [begin, begin + count]))
         firsts, rows = spans[0][own] - begin, spans[1][own]
         steps = np.zeros(count + 1, np.int8)
@@ -167,7 +160,7 @@ class Part:
         """All labyrinths of the split, from the table of labyrinths."""
         assert self.wanted is not None
         whole = replace(self.wanted, labyrinths=None, where=None)
-        return _spans(whole, Manifest.read(whole.locate([])))
+        return whole.spans(Manifest.read(whole.locate([])))
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Check and open a shard; see `rows.opened`."""
@@ -175,11 +168,6 @@ class Part:
         if self.place is None or (self.folder / shard.path).is_file():
             return opened(self.folder, shard)
         return opened_in_place(self.place / shard.path, shard)
-
-
-def _ends(shards: Sequence[Shard]) -> NDArray[np.int64]:
-    """Return the row of the split at which each shard ends, exclusive."""
-    return np.cumsum([shard.rows for shard in shards])
 
 
 @dataclass(frozen=True)
@@ -197,6 +185,10 @@ class Wanted:
         """Return the folder with the manifest and other files; see `locate`."""
         return locate(self.source, self.config, files, self.revision)
 
+    def spans(self, manifest: Manifest) -> Spans:
+        """Return the rows of the requested labyrinths; see `select`."""
+        return select(self.locate([TABLE]), manifest, self.split, self.labyrinths, self.where)
+
 
 def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     """Return a split or a part of it; only the shards that it needs are downloaded from the Hub.
@@ -213,7 +205,7 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     manifest = Manifest.read(folder)
     part = Part(folder, manifest.of(wanted.split), config=manifest.config, wanted=wanted)
     if some:
-        spans = _spans(wanted, manifest)
+        spans = wanted.spans(manifest)
         if spans[1].sum() < len(part):
             part = replace(part, spans=spans)
         if not in_place:
@@ -224,57 +216,6 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
         part = replace(part, place=place, wanted=replace(wanted, revision=commit))
     return part
-
-
-def _spans(wanted: Wanted, manifest: Manifest) -> Spans:
-    """Return the rows of the requested labyrinths of a split."""
-    labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
-    firsts, rows = _rows_of_labyrinths(wanted, manifest)
-    if labyrinths is not None:
-        filtered = "" if where is None else f" where {where}"
-        count = len(firsts)
-        held = f"a whole number from 1 to {count}, as many as split={split} has{filtered}"
-        labyrinths = whole("labyrinths", labyrinths, 1, count, allowed=held)
-    firsts, rows = firsts[:labyrinths], rows[:labyrinths]
-    ends = _ends(manifest.of(split))
-    # Each labyrinth is in one shard, and none overlaps another.
-    shard = np.searchsorted(ends, firsts, "right")
-    last = np.append(firsts[1:], ends[-1])
-    fits = (firsts >= 0) & (rows > 0) & (shard < len(ends)) & (rows <= last - firsts)
-    if not (fits.all() and (rows <= ends[shard] - firsts).all()):
-        raise DatasetError(f"{TABLE} does not match the shards of split={split}")
-    return firsts, rows
-
-
-def _rows_of_labyrinths(wanted: Wanted, manifest: Manifest) -> Spans:
-    """Return the rows of each labyrinth that passes the filter."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    split, where = wanted.split, wanted.where
-    if where is not None and not isinstance(where, pc.Expression):
-        raise ValueError(
-            f"where={where!r:.99}: give an expression, such as pyarrow.compute.field('moves') >= 12"
-        )
-    names = [column.name for column in TABLE_COLUMNS]
-    read = {"split", "first_row", "rows", *(name for name in names if name in str(where))}
-    table = pa.concat_tables(
-        group.filter(pc.field("split") == split)
-        for group in table_groups(wanted.locate([TABLE]), manifest, sorted(read))
-    )
-    if where is not None:
-        try:
-            table = table.filter(where)
-        except pa.ArrowException as error:
-            reason = str(error).partition(" in ")[0].partition("\n")[0]
-            raise ValueError(
-                f"where={where}: {reason}; the columns of {TABLE} are {', '.join(names)}"
-            ) from error
-        if not len(table):
-            raise ValueError(f"where={where}: split={split} has no such labyrinth")
-    # A missing value becomes a number that no row has.
-    firsts, rows = (pc.fill_null(table[name], -1) for name in ("first_row", "rows"))
-    return firsts.to_numpy().astype(np.int64), rows.to_numpy().astype(np.int64)
 
 
 def locate(

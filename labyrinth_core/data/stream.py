@@ -89,8 +89,8 @@ def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
 class Reading(Generic[Item]):
     """What a stream reads and in which order, without the place that it has come to.
 
-    A running iteration refers to this and not to its stream, which refers to the iteration: so the
-    open file is closed when the last reference to a stream goes, not when garbage is collected.
+    An iteration refers to this and not to its stream, which refers to the iteration: so a stream
+    that is dropped closes its file at once, not when garbage is collected.
     """
 
     part: Part
@@ -105,9 +105,8 @@ class Reading(Generic[Item]):
     def check(self, at: Any) -> None:
         """Raise ValueError if `at` is no position in this stream."""
         start = self.start(0)
-        if not isinstance(at, Mapping) or at.keys() != start.keys():
-            raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
-        numbers = [at[name] for name in start if name != "stream"]
+        is_state = isinstance(at, Mapping) and at.keys() == start.keys()
+        numbers = [at[name] for name in start if name != "stream"] if is_state else [None]
         if not all(type(number) is int and 0 <= number <= MOST_EPOCH for number in numbers):
             raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
         if at["stream"] != start["stream"]:
