@@ -94,7 +94,10 @@ def open_encoded(source: Path | BinaryIO, columns: Iterable[str], **options: Any
     import pyarrow.parquet as pq
 
     with pq.ParquetFile(source) as file:
-        schema, footer = file.schema, file.metadata
-    there = {schema.column(number).path for number in range(len(schema))}
+        footer = file.metadata
+    there = set()
+    if footer.num_row_groups:  # Not from `footer.schema`, which makes a cycle of references.
+        group = footer.row_group(0)
+        there = {group.column(number).path_in_schema for number in range(group.num_columns)}
     encoded = [name for name in columns if name in there]
     return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)

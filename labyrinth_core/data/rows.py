@@ -102,13 +102,14 @@ def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
     groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
     if not rows == footer.num_rows == sum(group.num_rows for group in groups):
         return f"rows {footer.num_rows}, but the manifest says {rows}"
-    texts = [n for n in range(footer.num_columns) if footer.schema.column(n).path == "info"]
     for group in groups:
         if group.num_rows > MOST_ROWS:
             return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
         if group.total_byte_size > MOST_BYTES:
             return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
-        size = sum(group.column(number).total_uncompressed_size for number in texts)
+        columns = map(group.column, range(group.num_columns))
+        texts = (column for column in columns if column.path_in_schema == "info")
+        size = sum(column.total_uncompressed_size for column in texts)
         if size > MOST_TEXTS:
             return f"a row group has {size} bytes of texts, more than {MOST_TEXTS}"
     return None
