@@ -223,6 +223,9 @@ def _save(
 def _remove(folder: Path) -> None:
     """Remove the folder of a cache if it exists; raise OSError if it also holds other files."""
     with suppress(FileNotFoundError):
+        for path in folder.iterdir():
+            if path.name not in _FILES:
+                raise OSError(errno.ENOTEMPTY, "is no file of a cache: move it away", str(path))
         for name in _FILES:
             (folder / name).unlink(missing_ok=True)
         folder.rmdir()

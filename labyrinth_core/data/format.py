@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from labyrinth_core.world.dynamics import Action
+
+if TYPE_CHECKING:
+    from pyarrow.parquet import ParquetFile
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
@@ -75,3 +80,24 @@ TABLE_COLUMNS = (
     Column.of("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
 """The columns of the table of labyrinths, one row per labyrinth; see `manifest.TABLE`."""
+
+
+def open_encoded(source: Path | BinaryIO, columns: Iterable[str], **options: Any) -> ParquetFile:
+    """Open a Parquet file and read some columns, if it has them, dictionary-encoded.
+
+    A few bytes of a file may repeat a value of megabytes in thousands of rows. Encoded, each value
+    is in memory once.
+
+    Raises:
+        OSError, ArrowException: The file cannot be read.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(source) as file:
+        footer = file.metadata
+    there = set()
+    if footer.num_row_groups:  # Not from `footer.schema`, which makes a cycle of references.
+        group = footer.row_group(0)
+        there = {group.column(number).path_in_schema for number in range(group.num_columns)}
+    encoded = [name for name in columns if name in there]
+    return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)

@@ -107,7 +107,7 @@ def evaluate(
     )
     chosen = _chosen(splits, manifest)
     scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
-    require_unchanged(source, config, manifest.fingerprint)
+    require_unchanged(source, config, manifest.fingerprint, revision)
     return Results(
         dataset=str(source),
         revision=revision,

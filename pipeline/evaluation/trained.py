@@ -82,7 +82,7 @@ def judge_trained(run: Run) -> Judged:
         learnt=learnt,
         blind=True,
     )
-    require_unchanged(judged_on.source, config.name, fingerprint)
+    require_unchanged(judged_on.source, config.name, fingerprint, judged_on.options.revision)
     as_tried = None
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}

@@ -144,7 +144,7 @@ def _there(run: Run) -> Manifest | None:
     folder = run.folder
     if not (folder / MANIFEST).is_file():
         return None
-    manifest = Manifest.read(folder)
+    manifest = Manifest.read(folder, renamed=True)  # The message below names what differs.
     there, asked = manifest.config, run.dataset
     differing = "; ".join(
         f"{there.given(each.name)}, not {asked.given(each.name)}"

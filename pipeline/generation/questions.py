@@ -12,9 +12,9 @@ from functools import partial
 from itertools import chain, islice, zip_longest
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line, readable
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.rows import check_file, check_footer, readable
+from labyrinth_core.data.rows import check_file, check_footer
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import (
     QUESTION_COLUMNS,

@@ -72,15 +72,21 @@ class Workplace:
 
         The manifest lists the files of the dataset, SHA256SUMS those that stages left beside them.
         In a store, once a build has begun, all shards are the build's own: it would not have begun
-        beside other files.
+        beside other files. Beside a damaged manifest, which only `overwrite=true` replaces, all
+        files with the names of a dataset's files count as listed.
         """
         own = Sums.read(self.folder)
         names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
-        with suppress(DatasetError):
-            manifest = Manifest.read(self.folder)
+        all_shards = isinstance(self.folder, RemotePath) and self.has_begun
+        try:
+            manifest = Manifest.read(self.folder, renamed=True)
             names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
-        if isinstance(self.folder, RemotePath) and self.has_begun:
+        except DatasetError:
+            if (self.folder / MANIFEST).is_file():
+                names.add(MANIFEST)
+                all_shards = True
+        if all_shards:
             there = {path.name for path in self.folder.iterdir()}
             names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
         return names

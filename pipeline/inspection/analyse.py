@@ -13,7 +13,6 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +20,8 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from labyrinth_core.data.dataset import why_unavailable
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.rows import readable
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
@@ -338,7 +336,10 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
 def _infos(source: str, stream: Any) -> Iterator[str]:
     with readable(source):
         tables = stream.with_format("arrow").iter(batch_size=256)
-        for info in chain.from_iterable(table["info"].to_pylist() for table in tables):
-            if not isinstance(info, str):
-                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
-            yield info
+        for table in tables:
+            if "info" not in table.column_names:
+                raise DatasetError(f"{source} has no column info")
+            for info in table["info"].to_pylist():
+                if not isinstance(info, str):
+                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+                yield info

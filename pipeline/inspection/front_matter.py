@@ -53,7 +53,8 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
-    read_from = {f.name: Manifest.read(f) for f in folders if _CONFIG_NAME.fullmatch(f.name)}
+    named = [folder for folder in folders if _CONFIG_NAME.fullmatch(folder.name)]
+    read_from = {folder.name: Manifest.read(folder, renamed=True) for folder in named}
     # A copy under another name is not a config: its files would not be where the card says.
     manifests = [
         replace(manifest, questions=questions_of(data_dir, manifest))

@@ -113,8 +113,11 @@ def _train(
     cuda = [device] if device.type == "cuda" else []
     with torch.random.fork_rng(devices=cuda):
         torch.manual_seed(options.seed)
-        learner, judge = prepare(run, method, settings, device)
-        require_unchanged(run.source, run.dataset.name, identity["fingerprint"])
+        try:
+            learner, judge = prepare(run, method, settings, device)
+        finally:  # Splits of two datasets cause other errors first.
+            dataset = run.source, run.dataset.name
+            require_unchanged(*dataset, identity["fingerprint"], options.revision)
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)

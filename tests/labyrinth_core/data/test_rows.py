@@ -10,7 +10,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from labyrinth_core.data.rows import open_shard, readable
+from labyrinth_core.data.errors import readable
+from labyrinth_core.data.rows import open_shard
 from pipeline.config.run import Run
 from pipeline.generation.table import arrow_schema, read_schema
 

@@ -430,6 +430,7 @@ def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
         manifest,
         (*manifest, "3x4/train-*.parquet"),
         (*manifest, "3x4/test-*.parquet"),
+        manifest,  # Offline, to see that it is still the same.
     ]
 
 

@@ -170,13 +170,28 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
 def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
     shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
     path = tmp_path / "theirs" / "3x3" / TABLE
-    pq.write_table(pq.read_table(path).slice(1), path)
+    table = pq.read_table(path)
+    pq.write_table(table.take([*range(1, len(table)), 0]), path)
     content = json.loads((path.parent / MANIFEST).read_bytes())
     content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
     (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
+
+
+def test_splits_of_a_dataset_that_is_replaced_meanwhile_are_not_mixed(build, tmp_path, monkeypatch):
+    run = build(tmp_path / "data", labyrinths=4)
+    write = stage._export
+
+    def replaced(*split):
+        write(*split)
+        build(tmp_path / "data", labyrinths=4, seed=1, overwrite=True)
+
+    monkeypatch.setattr(stage, "_export", replaced)
+    with pytest.raises(DatasetError, match="3x3 was replaced or grew while it was read"):
+        export(run, tmp_path / "exports", "lerobot", "train", "test")
+    assert [path.name for path in tmp_path.glob("exports/lerobot/labyrinth/3x3/*")] == ["train-v0"]
 
 
 def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_its_card(

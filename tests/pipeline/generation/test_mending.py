@@ -196,6 +196,32 @@ def test_a_folder_that_a_link_leads_to_is_replaced_and_the_link_stays(
     for seed in (1, 2):
         build(folder.parent, seed=seed, overwrite=True)
         assert folder.is_symlink()
-        assert Manifest.read(elsewhere).config.seed == seed
+        assert Manifest.read(folder).config.seed == seed
         assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
         assert [path.name for path in elsewhere.parent.iterdir()] == ["large"]
+
+
+@pytest.mark.parametrize("content", [b"", b'{"format": 2', bytes(range(256))])
+def test_a_damaged_manifest_is_replaced_only_when_that_is_asked_for(
+    build: Build, folder: Path, content: bytes
+) -> None:
+    before = content_of(folder)
+    (folder / MANIFEST).write_bytes(content)
+    with pytest.raises(DatasetError, match=r"cannot be read: .*; build it again with overwrite="):
+        build(folder.parent)
+    build(folder.parent, overwrite=True)
+    assert content_of(folder) == before
+
+
+def test_a_dataset_under_another_name_is_replaced_only_when_that_is_asked_for(
+    build: Build, folder: Path
+) -> None:
+    before = content_of(folder)
+    build(folder.parent, size="4x4")
+    (folder.parent / "4x4").rename(folder.parent / "other")
+    shutil.rmtree(folder)
+    (folder.parent / "other").rename(folder)
+    with pytest.raises(DatasetError, match=r"holds a dataset with height=4, not height=3; .*"):
+        build(folder.parent)
+    build(folder.parent, overwrite=True)
+    assert content_of(folder) == before
