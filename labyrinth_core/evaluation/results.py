@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json, write_text
+from labyrinth_core.data.storage import named_file, read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import OUTCOMES
@@ -152,7 +152,7 @@ class Results:
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, text)
+        write_text(named_file(place), text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""

@@ -8,8 +8,9 @@ from __future__ import annotations
 import io
 import re
 from collections.abc import Callable, Iterator
+from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from tokenize import TokenError
 from typing import Any, NamedTuple
 
@@ -30,6 +31,18 @@ ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
 """The suffixes of archives, which have to be unpacked first."""
 
 
+LITTER = (
+    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory", "__macosx"),
+    *("@eadir", "@recycle", "#recycle", "$recycle.bin", "system volume information", "lost+found"),
+    *(".trash*", ".stfolder", ".spotlight-v100", ".fseventsd", ".temporaryitems", ".appledouble"),
+    *("#snapshot", "@recently-snapshot", ".snapshot", ".snapshots", ".@__thumb", ".syncthing.*"),
+    *(".nfs*", ".fuse_hidden*"),
+    *(".ipynb_checkpoints", "cache-*.arrow"),
+)
+"""Patterns, in lower case, of files and folders that desktops, storage servers, network file
+systems and readers (Jupyter, `datasets`) leave anywhere."""
+
+
 class Entry(NamedTuple):
     """A labyrinth in a file, or the reason why it cannot be read."""
 
@@ -48,11 +61,17 @@ def is_collection(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
 
 
+def is_litter(path: str | PurePath) -> bool:
+    """Return whether a path relative to a folder matches `LITTER`, files that no user misses."""
+    parts = [part.lower() for part in PurePath(path).parts]
+    return any(fnmatchcase(part, pattern) for part in parts for pattern in LITTER)
+
+
 def files_in(folder: Path) -> list[Path]:
     """Return the files in a folder and its sub-folders, sorted; [] if it does not exist.
 
-    Files and folders whose names begin with a dot, such as `.git` or `.ipynb_checkpoints`, are
-    skipped. Links are followed.
+    Files and folders whose names begin with a dot, such as `.git` or `.ipynb_checkpoints`, and
+    those that systems leave, such as `@eaDir`, are skipped. Links are followed.
 
     Raises:
         OSError: A folder cannot be read.
@@ -61,7 +80,7 @@ def files_in(folder: Path) -> list[Path]:
     folders = [(folder, frozenset({folder.resolve()}))] if folder.is_dir() else []
     for each, above in folders:  # The list grows during the loop.
         for path in each.iterdir():
-            if path.name.startswith("."):
+            if path.name.startswith(".") or is_litter(path.name):
                 continue
             if path.is_file():
                 files.append(path)

@@ -54,7 +54,7 @@ def judge_trained(run: Run) -> Judged:
     if weights != record["files"].get(POLICY):
         raise DatasetError(
             f"{folder / POLICY} is damaged: its sha256 is not the one in {RECORD}; stages=train "
-            "makes it again"
+            "overwrite=true makes it again"
         )
     judged_on = elsewhere(run) if options.evaluate_on else run
     manifest = manifest_of(judged_on)

@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -233,7 +234,9 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """
     try:
         content = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        if isinstance(path, Path) and path.is_symlink():
+            raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except UnicodeDecodeError as error:
         raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error

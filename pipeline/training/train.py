@@ -31,7 +31,7 @@ from pipeline.config.training import PROTOCOLS, TrainingOptions
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.folders import followed, held, remove
+from pipeline.machinery.folders import followed, held, remove, within
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
@@ -54,7 +54,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
     """
     folder = run.training_folder
     place = followed(folder)
-    working = place.with_name(f".{place.name}.training")
+    working = within(place.parent, f".{place.name}.training")
     method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
     identity, overwrite = identify(run, settings), run.options.overwrite
     rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
