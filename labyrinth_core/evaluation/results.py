@@ -32,6 +32,7 @@ from labyrinth_core.evaluation.results_form import (
 )
 from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
+from labyrinth_core.language.collection import files_in
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -333,6 +334,15 @@ def _as_text(content: Mapping[str, Any]) -> str:
         return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
 
     return lines(content, 0) + "\n"
+
+
+def submissions_in(folder: Path) -> list[Path]:
+    """Return the results files below a folder of submissions.
+
+    A folder in the place of a file is returned too, so that reading it names it.
+    """
+    folders = [path for path in folder.rglob("[!.]*.json") if path.is_dir()]
+    return sorted([*(path for path in files_in(folder) if path.suffix == ".json"), *folders])
 
 
 def results_in(run_dir: Path) -> list[Path]:

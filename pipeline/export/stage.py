@@ -38,16 +38,21 @@ def run(run: Run) -> None:
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(run)
+    whole = []
     for split in splits:  # Check all of them before writing the first.
-        is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
-    for split in splits:
-        _export(split, root / split.id, write, overwrite)
+        there = Sums.read(root / split.id, overwrite=overwrite)
+        whole.append(is_whole(there, split.key, ("*",), overwrite, INSTEAD))
+    for split, is_there in zip(splits, whole, strict=True):
+        state = (
+            "is there already" if is_there else _export(split, root / split.id, write, overwrite)
+        )
+        say(f"{root / split.id} {state}")
 
 
 def _export(
     split: Split, target: Path, write: Callable[[Split, Path], None], overwrite: bool
-) -> None:
-    """Export a split to a folder, unless the export is there already."""
+) -> str:
+    """Export a split to a folder, unless it is there already, and return what the folder has."""
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
@@ -58,7 +63,7 @@ def _export(
     except (OSError, RuntimeError) as error:  # h5py raises either.
         reason = getattr(error, "strerror", None) or one_line(error)
         raise DatasetError(f"{target} cannot be written: {reason}") from error
-    say(f"{target} {'is there already' if made is None else f'has {split.count:,} episodes'}")
+    return "is there already" if made is None else f"has {split.count:,} episodes"
 
 
 def _writer(format_: str) -> Callable[[Split, Path], None]:

@@ -55,6 +55,18 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
 
 
+def without_manifest(data_dir: AnyPath) -> list[Path]:
+    """Return the folders of a local folder that hold a dataset whose manifest is missing.
+
+    In a store, a dataset that is being built looks the same.
+    """
+    if not isinstance(data_dir, Path):
+        return []
+    folders = [file.parent for file in sorted(data_dir.glob(f"*/{TABLE}"))]
+    named = [folder for folder in folders if _CONFIG_NAME.fullmatch(folder.name)]
+    return [folder for folder in named if not (folder / MANIFEST).exists()]
+
+
 def table_config(config: str) -> str:
     """Return the name that the table of labyrinths of a config has on the Hub."""
     return f"{config}-{TABLE_SPLIT}"

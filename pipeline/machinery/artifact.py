@@ -346,8 +346,9 @@ def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instea
     lacking = [] if overwrite else there.damaged()
     begun = {name for name, digest in there.made if digest == _UNKNOWN}
     if changed := [n for n in lacking if n not in begun and _is_there(there.folder / n)]:
-        reason = "which were damaged or changed since: overwrite=true makes them again"
-        raise DatasetError(f"{there.folder} holds {named(changed)}, {reason}; or {instead}")
+        reason = "damaged or changed since it was made"
+        advice = f"give overwrite=true to make it again, or {instead}"
+        raise DatasetError(f"{there.folder} holds {named(changed)}, {reason}: {advice}")
     whole = bool(there.made) and not overwrite and not lacking
     if not whole:
         there.strangers(ours, instead)

@@ -11,8 +11,7 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
-from labyrinth_core.language.collection import files_in
+from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from pipeline.config.errors import check
 from pipeline.config.run import Run
 from pipeline.config.training import SUBMISSIONS, check_run
@@ -153,8 +152,7 @@ def read_all(
     refused = []
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = files_in(results_dir / SUBMISSIONS)
-    for path in sorted({*new, *of_runs, *(path for path in submitted if path.suffix == ".json")}):
+    for path in sorted({*new, *of_runs, *submissions_in(results_dir / SUBMISSIONS)}):
         is_run = path.is_relative_to(results_dir / RUNS)
         place = (path.parent.name, path.stem) if is_run else None
         try:

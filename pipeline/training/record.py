@@ -17,6 +17,7 @@ from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 
@@ -72,6 +73,23 @@ def write_record(
         "files": {file: file_sha256(folder / file) for file in files},
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+
+
+def restore_curves(folder: Path, name: str) -> None:
+    """Draw the curves of a finished run again if they are missing; say so if they were changed.
+
+    Raises:
+        DatasetError: The record cannot be read.
+        OSError: The picture cannot be written.
+    """
+    record = read_record(folder)
+    if record is None or CURVES not in record["files"] or Sums.read(folder).has(CURVES):
+        return
+    if (folder / CURVES).exists():
+        say(f"{folder / CURVES} was damaged or changed: delete it to have it drawn again.")
+    else:
+        leave(folder, {CURVES: _curves(name, record["history"])})
+        say(f"{folder / CURVES} was missing, and is drawn again.")
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:

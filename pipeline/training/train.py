@@ -36,7 +36,7 @@ from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.acting import Steps, load_steps
 from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
+from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 
 
 def refuse(run: Run) -> None:
@@ -70,6 +70,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> None:
                 done = _train(run, made, path, identity, checkpoint_seconds)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
+        restore_curves(folder, run.run_name.name)
         say(f"{folder} is complete already.")
         return
     assert done.best is not None  # The policy is always evaluated after the last epoch.
