@@ -104,8 +104,9 @@ class Sums:
         with suppress(*MALFORMED):
             key = next((dict(json.loads(each)) for each in _KEY.findall(text)), None)
         found = cls(folder, key, made, left)
-        is_empty = not (found.hashes or key)
-        if text in (found._text(), found._text(with_hash=False)) and not is_empty:
+        lines = sorted(found._text(with_hash=False).splitlines())
+        is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
+        if is_whole and text.endswith("\n") and (found.hashes or key):
             return found
         first = text[: len(_OURS)].strip("\0")
         if not (_OURS.startswith(first) or get_close_matches(first, [_OURS])):
@@ -202,9 +203,11 @@ class Sums:
             advice = f"{instead}, or give overwrite=true to replace it"
             raise DatasetError(f"{self.folder} {what}: {advice}")
         if others := self.others(files):
+            were_ours = {*others} <= {name for name, _ in self.hashes}
+            reason = "damaged or changed" if were_ours else "made or changed by someone else"
             raise DatasetError(
-                f"{named([str(self.folder / name) for name in others])}: damaged, or made or "
-                "changed by someone else, so not overwritten: move it away, or give overwrite=true"
+                f"{named([str(self.folder / name) for name in others])}: {reason}, so not "
+                "overwritten: move it away, or give overwrite=true"
             )
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:

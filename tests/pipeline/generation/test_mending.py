@@ -202,7 +202,9 @@ def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
     assert (folder / name).exists()
 
 
-@pytest.mark.parametrize("litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt"])
+@pytest.mark.parametrize(
+    "litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt", "@eaDir/train/SYNO@.png"]
+)
 def test_litter_stops_no_build(build: Build, tmp_path: Path, litter: str) -> None:
     for number, place in enumerate(("3x3", ".3x3.building", "3x3")):
         (tmp_path / place / litter).parent.mkdir(parents=True, exist_ok=True)

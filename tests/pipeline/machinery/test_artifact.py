@@ -213,6 +213,14 @@ def test_a_file_in_the_place_of_an_artifact_is_refused(tmp_path: Path) -> None:
     assert (tmp_path / "it").read_bytes() == b"mine"
 
 
+@pytest.mark.parametrize("name", ["it", "deep/it"])
+def test_a_file_in_the_place_of_a_folder_above_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_bytes(b"mine")
+    for act in (make, partial(leave, files=FILES)):
+        with pytest.raises(DatasetError, match=r"file is a file: move it, or choose another fold"):
+            act(tmp_path / "file" / name)
+
+
 def test_a_link_to_an_artifact_stays(tmp_path: Path) -> None:
     make(tmp_path / "it")
     (tmp_path / "link").symlink_to("it")
@@ -300,11 +308,16 @@ def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path)
     sums = Sums.read(tmp_path)
     assert sums.others(new) == ["chart", "photo", "folder"]
     with pytest.raises(
-        DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: damaged, or made or chan"
+        DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: made or changed by"
     ):
         leave(tmp_path, new)
     sums.replace({"page": b"2"}, gone=["chart", "table"]).write()
     assert made(tmp_path) == {"page": b"2", "chart": b"mine", "photo": b"mine"}
+    leave(tmp_path, {"table": b"1"})
+    (tmp_path / "table").write_bytes(b"mine")
+    with pytest.raises(DatasetError, match="table: damaged or changed, so not overwritten: move"):
+        leave(tmp_path, {"table": b"2"})
+    (tmp_path / "table").unlink()
     leave(tmp_path, {"chart": b"2"}, overwrite=True)
     assert made(tmp_path)["chart"] == b"2"
 
@@ -408,7 +421,7 @@ def test_a_link_to_a_file_that_is_not_ours_is_refused_and_replaced_itself_if_ask
     folder.mkdir()
     for name, place in (("page", mine), ("chart", tmp_path / "nowhere"), ("table", tmp_path)):
         (folder / name).symlink_to(place)
-        with pytest.raises(DatasetError, match=f"{name}: damaged, or made or changed by someone"):
+        with pytest.raises(DatasetError, match=f"{name}: made or changed by someone else, so"):
             leave(folder, {name: b"2"})
         leave(folder, {name: b"2"}, overwrite=True)
         assert (folder / name).read_bytes() == b"2"
@@ -453,6 +466,7 @@ def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: st
         *((".DS_Store", True), ("Thumbs.db", True), ("desktop.ini", True), ("._page", True)),
         *((".ipynb_checkpoints/notes.txt", True), ("meta/.nfs000000000012ab", True)),
         *(("cache-0123456789abcdef.arrow", True), ("data/cache-1_00000_of_00002.arrow", True)),
+        *(("@eaDir/page.png/SYNO", True), ("#recycle/x", True), (".Trash-1000/files/x", True)),
         *((".hidden", False), ("cache.arrow", False), ("cache-notes.txt", False)),
         *(("notes.DS_Store", False), ("Thumbs.db.txt", False), ("desktop/notes.txt", False)),
     ],
