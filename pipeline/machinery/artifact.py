@@ -248,7 +248,7 @@ class Sums:
         for name, content in files.items():
             write_bytes(self.folder / name, content)
         made = frozenset(each for each in ours.made if each[0] not in {*files, *gone})
-        rest = (each for each in ours.left if each[0] not in files)
+        rest = ours.left - new
         kept = frozenset(each for each in rest if _hash_of(self.folder / each[0]) == each[1])
         return replace(ours, made=made, left=kept | new)
 
