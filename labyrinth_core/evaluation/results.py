@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json, write_text
+from labyrinth_core.data.storage import named_file, read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import OUTCOMES
@@ -32,6 +32,7 @@ from labyrinth_core.evaluation.results_form import (
 )
 from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
+from labyrinth_core.language.collection import files_in
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.version import __version__
 
@@ -154,7 +155,7 @@ class Results:
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, text)
+        write_text(named_file(place), text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
@@ -335,6 +336,16 @@ def _as_text(content: Mapping[str, Any]) -> str:
         return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
 
     return lines(content, 0) + "\n"
+
+
+def submissions_in(folder: Path) -> list[tuple[Path, str]]:
+    """Return the results files below a folder of submissions, and why each cannot be read, if so.
+
+    A folder in the place of a file, or a link that leads nowhere, is returned too.
+    """
+    folders = [(path, "it is not a file") for path in folder.rglob("[!.]*.json") if path.is_dir()]
+    files = ((path, why) for path, why in files_in(folder) if why or path.suffix == ".json")
+    return sorted([*files, *folders])
 
 
 def results_in(run_dir: Path) -> list[Path]:

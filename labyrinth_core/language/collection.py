@@ -11,8 +11,9 @@ import re
 import stat
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from tokenize import TokenError
 from typing import Any, NamedTuple
 
@@ -40,6 +41,16 @@ _ERRORS_OF_NUMPY = (
     *(OSError, EOFError, MemoryError, SyntaxError, TokenError),
 )
 """What NumPy raises for the header of an array: it parses any Python literal, and checks little."""
+LITTER = (
+    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory", "__macosx"),
+    *("@eadir", "@recycle", "#recycle", "$recycle.bin", "system volume information", "lost+found"),
+    *(".trash*", ".stfolder", ".spotlight-v100", ".fseventsd", ".temporaryitems", ".appledouble"),
+    *("#snapshot", "@recently-snapshot", ".snapshot", ".snapshots", ".@__thumb", ".syncthing.*"),
+    *(".nfs*", ".fuse_hidden*"),
+    *(".ipynb_checkpoints", "cache-*.arrow"),
+)
+"""Patterns, in lower case, of files and folders that desktops, storage servers, network file
+systems and readers (Jupyter, `datasets`) leave anywhere."""
 
 
 class Entry(NamedTuple):
@@ -60,6 +71,12 @@ def is_collection(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
 
 
+def is_litter(path: str | PurePath) -> bool:
+    """Return whether a path relative to a folder matches `LITTER`, files that no user misses."""
+    parts = [part.lower() for part in PurePath(path).parts]
+    return any(fnmatchcase(part, pattern) for part in parts for pattern in LITTER)
+
+
 def files_in(folder: Path) -> list[tuple[Path, str]]:
     """Return the paths of files in a folder and its sub-folders, sorted; [] if it does not exist.
 
@@ -78,7 +95,7 @@ def files_in(folder: Path) -> list[tuple[Path, str]]:
             files.append((each, _reason(each, error)))
             continue
         for path in paths:
-            if path.name.startswith("."):
+            if path.name.startswith(".") or is_litter(path.name):
                 continue
             try:
                 mode = path.stat().st_mode

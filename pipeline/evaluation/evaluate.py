@@ -6,8 +6,6 @@ gets the folder `<run_dir>/<config>/<name>`. Nothing is selected or trained here
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 
 from labyrinth_core.evaluation.playing import attempts
@@ -16,9 +14,10 @@ from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.run import Run
-from pipeline.evaluation.named import Judged, instead_of, judge_named
+from pipeline.evaluation.named import INSTEAD, OTHER_RUNS, Judged, judge_named
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
+from pipeline.machinery.folders import within
 
 ATTEMPTS = "attempts"
 """The folder of animated GIFs, inside the folder of the results."""
@@ -41,19 +40,21 @@ def run(run: Run) -> None:
         judged = judge_trained(run)
     path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
     overwrite = run.options.overwrite
-    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=instead_of(run))
+    instead = INSTEAD if run.options.policy else OTHER_RUNS
+    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=instead)
     if run.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
-        written = _show(judged, folder, run.options.evaluation.gifs, run.options.seed)
-        say(f"{folder} has {written} animated GIFs.")
+        pictures = _pictures(judged, run.options.evaluation.gifs, run.options.seed)
+        leave(within(path.parent, ATTEMPTS), pictures, overwrite=overwrite)
+        say(f"{folder} has {len(pictures)} animated GIFs.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():
         say_once(part)
     say(str(path))
 
 
-def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
-    """Write GIFs of `count` episodes in test, or in the first split evaluated; unsolved ones first.
+def _pictures(judged: Judged, count: int, seed: int) -> dict[str, bytes]:
+    """Return GIFs of episodes in test, or in the first split evaluated; unsolved ones first.
 
     Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
@@ -67,5 +68,4 @@ def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
-    leave(folder, pictures)
-    return len(chosen)
+    return pictures

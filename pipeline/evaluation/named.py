@@ -27,7 +27,7 @@ from pipeline.config.training import EvaluationOptions, named
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import manifest_of
 
-INSTEAD = "choose another evaluation.name"
+INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
 
 class Judged(NamedTuple):
@@ -103,13 +103,9 @@ def judge_named(run: Run) -> Judged:
 
 def require_free(path: Path, key: Key, run: Run) -> None:
     """Raise a DatasetError if results may not be written to `path`."""
-    sums, overwrite = Sums.read(path.parent), run.options.overwrite
-    sums.require_free({path.name: b""}, key, overwrite, instead_of(run))
-
-
-def instead_of(run: Run) -> str:
-    """Return what to do if results cannot be written; those of a run have no other place."""
-    return INSTEAD if run.options.policy else "give overwrite=true to write it anew"
+    overwrite, instead = run.options.overwrite, INSTEAD if run.options.policy else OTHER_RUNS
+    own = Sums.read(path.parent, overwrite=overwrite)
+    own.require_free({path.name: b""}, key, overwrite, instead)
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

@@ -38,14 +38,17 @@ def run(run: Run) -> None:
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(run)
+    whole = []
     for split in splits:  # Check all of them before writing the first.
-        is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
-    for split in splits:
-        _export(split, root / split.id, write, run)
+        there = Sums.read(root / split.id, overwrite=overwrite)
+        whole.append(is_whole(there, split.key, ("*",), overwrite, INSTEAD))
+    for split, is_there in zip(splits, whole, strict=True):
+        state = "is there already" if is_there else _export(split, root / split.id, write, run)
+        say(f"{root / split.id} {state}")
 
 
-def _export(split: Split, target: Path, write: Callable[[Split, Path], None], run: Run) -> None:
-    """Export a split to a folder, unless the export is there already."""
+def _export(split: Split, target: Path, write: Callable[[Split, Path], None], run: Run) -> str:
+    """Export a split to a folder, unless it is there already, and return what the folder has."""
     overwrite = run.options.overwrite
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
@@ -61,7 +64,7 @@ def _export(split: Split, target: Path, write: Callable[[Split, Path], None], ru
         if "unable to lock file" in reason:  # By HDF5, as on some network drives.
             reason += "; without locks: set HDF5_USE_FILE_LOCKING=FALSE in the environment"
         raise DatasetError(f"{target} cannot be written: {reason}") from error
-    say(f"{target} {'is there already' if made is None else f'has {split.count:,} episodes'}")
+    return "is there already" if made is None else f"has {split.count:,} episodes"
 
 
 def _writer(format_: str) -> Callable[[Split, Path], None]:

@@ -126,8 +126,11 @@ def build(
         recount = run.options.overwrite and workplace.is_for(run.dataset)
         workplace.prepare(run.dataset, parts=parts, overwrite=recount)
     # Each part has its own lock, because parts are made at the same time.
-    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}"):
-        shards = _made(run, plan_of(there)[0][part % parts :: parts])
+    with held(run.data_dir, f"{run.dataset.name}.part-{part}-of-{parts}") as is_locked:
+        jobs = plan_of(there)[0][part % parts :: parts]
+        if is_locked:
+            workplace.tidy({name for job in jobs for name in (job.path.name, job.sidecar.name)})
+        shards = _made(run, jobs)
     say(
         f"part={part}/{parts} of {run.folder} is finished, {count(len(shards), 'shard')}: when all "
         "parts are, run the same command without part to join them."

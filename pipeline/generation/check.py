@@ -25,6 +25,7 @@ from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.evaluation.questions import questions_config
+from labyrinth_core.language.collection import is_litter
 from pipeline.config.run import Run
 from pipeline.generation.check_rows import (
     CheckJob,
@@ -48,7 +49,6 @@ from pipeline.generation.table import (
 )
 from pipeline.inspection.counts import routes_of
 from pipeline.inspection.front_matter import questions_of
-from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map

@@ -56,10 +56,11 @@ def run(run: Run) -> None:
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
     found = front_matter.questions_of(run.data_dir, manifest)
     is_other = found is None or found.config != manifest.config  # Then replace it.
+    overwrite = is_other or run.options.overwrite
     about = front_matter.shards_asked_about(manifest, manifest.config)
     names = [MANIFEST, *(shard.path for shard in about)]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
-    with produced(folder, key, overwrite=is_other, **rules) as made:
+    with produced(folder, key, overwrite=overwrite, **rules) as made:
         state = "is there already" if made is None else _make(run, manifest, made)
     with held(run.data_dir, "README.md"):
         front_matter.update(run.data_dir)

@@ -45,6 +45,7 @@ from pipeline.inspection.shift import PERMUTATIONS, compare
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import console, say
+from pipeline.machinery.folders import within
 
 FORMAT = 1
 """The format of `analysis.json`."""
@@ -131,7 +132,8 @@ def _analyse_elsewhere(source: str, run: Run) -> Iterator[str]:
         "files": found.files,
     }
     name = _name_of(source, config)
-    leave(run.data_dir / FOLDER, {name: _as_text(content).encode()})
+    place = within(run.data_dir, FOLDER)
+    leave(place, {name: _as_text(content).encode()}, overwrite=run.options.overwrite)
     path = run.data_dir / FOLDER / name
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)

@@ -8,6 +8,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -62,6 +63,18 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
         if manifest.config.name == folder
     ]
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
+
+
+def without_manifest(data_dir: AnyPath) -> list[Path]:
+    """Return the folders of a local folder that hold a dataset whose manifest is missing.
+
+    In a store, a dataset that is being built looks the same.
+    """
+    if not isinstance(data_dir, Path):
+        return []
+    folders = [file.parent for file in sorted(data_dir.glob(f"*/{TABLE}"))]
+    named = [folder for folder in folders if _CONFIG_NAME.fullmatch(folder.name)]
+    return [folder for folder in named if not (folder / MANIFEST).exists()]
 
 
 def table_config(config: str) -> str:
@@ -243,7 +256,9 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """
     try:
         values, text = read_any(path)
-    except FileNotFoundError:
+    except FileNotFoundError as error:
+        if isinstance(path, Path) and path.is_symlink():
+            raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except DatasetError as error:
         raise DatasetError(f"{error}: correct it, or choose another data_dir") from error

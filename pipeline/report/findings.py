@@ -17,9 +17,8 @@ from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
+from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
-from labyrinth_core.language.collection import files_in
 from pipeline.config.training import SUBMISSIONS
 from pipeline.machinery.console import say
 
@@ -104,11 +103,11 @@ def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
     """Yield the submitted results, without those that `stages=results` copied there."""
-    for path, reason in files_in(results_dir / SUBMISSIONS) if results_dir else ():
+    for path, reason in submissions_in(results_dir / SUBMISSIONS) if results_dir else ():
         try:
             if reason:
                 raise DatasetError(f"{path}: {reason}")
-            if path.suffix == ".json" and path.read_bytes() not in others:
+            if path.read_bytes() not in others:
                 yield Results.load(path, of)
         except DatasetError as error:
             say(f"left out: {error}")

@@ -11,8 +11,7 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
-from labyrinth_core.language.collection import files_in
+from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.errors import check
 from pipeline.config.run import Run
@@ -108,13 +107,16 @@ Copies = Mapping[str, tuple[Path, Results]]
 """Name in `results_dir` -> the file in `run_dir` to copy there, and its results."""
 
 
-def gather(run_dir: Path, results_dir: Path, available: Available) -> tuple[Copies, list[str]]:
+def gather(
+    run_dir: Path, results_dir: Path, available: Available, overwrite: bool
+) -> tuple[Copies, list[str]]:
     """Return the results in `run_dir` that are to be copied, and why each other file is refused.
 
-    Nothing is copied yet. If a file is refused, its earlier copy stays.
+    Nothing is copied yet. If a file is refused, its earlier copy stays. With `overwrite`, copies
+    replace files that were made or changed by someone else.
 
     Raises:
-        DatasetError: `results_dir` has a SHA256SUMS of another program.
+        DatasetError: The SHA256SUMS of `results_dir` is damaged, or another program's.
     """
     refused, copies = [], {}
     for path in results_in(run_dir):
@@ -127,10 +129,11 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> tuple[Copi
         kind = SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
-    for name in Sums.read(results_dir).others(files):
+    own = Sums.read(results_dir, overwrite=overwrite)
+    for name in () if overwrite else own.others(files):
         refused.append(
             f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "
-            "else; move it away"
+            "else; move it away, or give overwrite=true"
         )
         del copies[name]
     return copies, refused
@@ -149,9 +152,9 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = files_in(results_dir / SUBMISSIONS)
+    submitted = submissions_in(results_dir / SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
-    files = (path for path, reason in submitted if path.suffix == ".json" and not reason)
+    files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):
         is_run = path.is_relative_to(results_dir / RUNS)
         place = (path.parent.name, path.stem) if is_run else None

@@ -46,7 +46,8 @@ def run(run: Run) -> None:
         Path(folder).expanduser() for folder in (run.options.run_dir, run.options.results_dir)
     )
     available = Available(run)
-    copies, refused = gather(run_dir, results_dir, available)
+    overwrite = run.options.overwrite
+    copies, refused = gather(run_dir, results_dir, available, overwrite)
     found, submissions, also_refused = read_all(results_dir, copies, available)
     refused += also_refused
     if not (found or submissions or refused):
@@ -61,13 +62,14 @@ def run(run: Run) -> None:
             f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
     if copies:
-        leave(results_dir, {name: path.read_bytes() for name, (path, _) in copies.items()})
+        files = {name: path.read_bytes() for name, (path, _) in copies.items()}
+        leave(results_dir, files, overwrite=overwrite)
     entries = entries_of([*comparable(found), *submissions], available.has)
     methods = [each for each in entries if each.results[0].run is not None]
     texts = leaderboard(boards(entries))
     if methods or Sums.read(results_dir).has("results.csv"):
         texts = tables(methods) | texts
-    leave(results_dir, {name: text.encode() for name, text in texts.items()})
+    leave(results_dir, {name: each.encode() for name, each in texts.items()}, overwrite=overwrite)
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             console.print(overview(list(of_config)))

@@ -15,11 +15,12 @@ from typing import Any
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
-from labyrinth_core.policies.record import FORMAT
+from labyrinth_core.policies.record import FORMAT, read_run
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.run import CONFIG
+from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 
@@ -74,6 +75,23 @@ def write_record(
         "files": {file: file_sha256(folder / file) for file in files},
     }
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+
+
+def restore_curves(folder: Path, name: str) -> None:
+    """Draw the curves of a finished run again if they are missing; say so if they were changed.
+
+    Raises:
+        DatasetError: The record cannot be read.
+        OSError: The picture cannot be written.
+    """
+    record = read_run(folder)
+    if record is None or CURVES not in record["files"] or Sums.read(folder).has(CURVES):
+        return
+    if (folder / CURVES).exists():
+        say(f"{folder / CURVES} was damaged or changed: delete it to have it drawn again.")
+    else:
+        leave(folder, {CURVES: _curves(name, record["history"])})
+        say(f"{folder / CURVES} was missing, and is drawn again.")
 
 
 @contextmanager

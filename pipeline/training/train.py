@@ -35,7 +35,7 @@ from pipeline.config.training import PROTOCOLS, TrainingOptions
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.folders import followed, held, remove
+from pipeline.machinery.folders import followed, held, remove, within
 from pipeline.training.checkpoint import (
     INSTEAD,
     Progress,
@@ -46,7 +46,7 @@ from pipeline.training.checkpoint import (
 )
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.method import find
-from pipeline.training.record import CHECKPOINT, OURS, open_board, write_record
+from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 
 
 def refuse(run: Run) -> None:
@@ -67,7 +67,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
     """
     folder = run.training_folder
     place = followed(folder)
-    working = place.with_name(f".{place.name}.training")
+    working = within(place.parent, f".{place.name}.training")
     method, settings = find(run.options.method_name, run.options.method, run.options.protocol)
     identity = identify(run, asdict(settings), manifest_of(run).fingerprint)
     there, overwrite = Sums.read(folder).key or {}, run.options.overwrite
@@ -89,6 +89,7 @@ def run(run: Run, *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
                     write_text(made / CONFIG, run.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
+        restore_curves(folder, run.run_name.name)
         say(f"{folder} is complete already.")
         record = read_run(folder)
         assert record is not None  # The folder is complete.

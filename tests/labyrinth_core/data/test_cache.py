@@ -61,6 +61,16 @@ def load_few(folder, made=None):
     return Transitions(**cached(folder, (4, 2, 2, 3), content()))
 
 
+def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_removed(cache):
+    load_few(cache / NAME)
+    (cache / f".{NAME}.lock").touch()
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+    with locked(cache / f".{NAME}.lock"):
+        load_few(cache / NAME)
+        assert (cache / f".{NAME}.lock").exists()
+
+
 # What is kept.
 
 

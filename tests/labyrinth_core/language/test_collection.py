@@ -83,6 +83,13 @@ def test_any_depth_is_read_and_the_first_folder_is_the_split(tmp_path):
     ]
 
 
+def test_folders_that_storage_servers_and_desktops_leave_are_no_splits(tmp_path):
+    for name in ("train", "@eaDir", "train/@eaDir", "#recycle", "__MACOSX/test"):
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
+        (tmp_path / name / "a.labyrinth").write_bytes(TEXT)
+    assert [entry.split for entry in read_collection(tmp_path)] == ["train"]
+
+
 def test_what_cannot_be_read_is_a_problem_with_its_place_and_the_rest_is_read(
     tmp_path, monkeypatch
 ):

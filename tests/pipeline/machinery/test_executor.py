@@ -152,7 +152,7 @@ def test_nothing_is_left_of_a_build_whose_first_process_is_ended(name: str, tmp_
     with subprocess.Popen(command, cwd=root, start_new_session=True, text=True, stderr=PIPE) as run:
         try:
             for _ in range(6000):
-                if len(list(tmp_path.glob(".4x4.building/.labyrinth-*/*.parquet"))) == 2:
+                if len(list(tmp_path.glob(".4x4.building/.*.parquet.*.tmp"))) == 2:
                     break
                 time.sleep(0.01)
             os.kill(run.pid, number)

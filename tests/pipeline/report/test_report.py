@@ -264,7 +264,7 @@ def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path)
     def refused(text: str) -> None:
         page.write_text(text)
         before = content_of(data_dir)
-        with pytest.raises(DatasetError, match=r"index\.html: made or changed by someone else"):
+        with pytest.raises(DatasetError, match=r"index\.html: (made|damaged) or changed"):
             write_report(data_dir, tmp_path / "runs")
         assert content_of(data_dir) == before
 
@@ -283,7 +283,9 @@ def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     with (folder / HASHES).open("a") as listed:  # A list may name anything.
         listed.write(f"{hashlib.sha256(b'mine').hexdigest()}  ../../thesis.txt\n")
     evaluate(data_dir / "3x3", tmp_path / "runs")
-    write_report(data_dir, tmp_path / "runs")
+    with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its files"):
+        write_report(data_dir, tmp_path / "runs")
+    write_report(data_dir, tmp_path / "runs", overwrite=True)
     assert (folder / PAGE).read_bytes() != before
-    assert (folder / "photo.png").read_bytes() == b"mine"
     assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
+    assert (folder / "photo.png").read_bytes() == b"mine"

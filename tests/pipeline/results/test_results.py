@@ -156,6 +156,16 @@ def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name
     assert kept.read_text(encoding="utf-8") == theirs
 
 
+def test_a_folder_in_the_place_of_a_file_of_results_is_named(evaluated, run_of, tmp_path):
+    for name in ("runs/3x3/x.json", "submissions/3x3/y.json"):
+        (tmp_path / "results" / name).mkdir(parents=True)
+    with pytest.raises(stage.RefusedError) as refused:
+        stage.run(run_of(evaluated))
+    assert "2 files not on the leaderboard" in str(refused.value)
+    for name in ("x", "y"):
+        assert f"3x3/{name}.json is refused: it is not a file" in str(refused.value)
+
+
 def test_without_results_there_is_one_clear_line(run_of, tmp_path):
     with pytest.raises(DatasetError, match=r"holds no results, .* 'stages=\[train,evaluate\]'"):
         stage.run(run_of(tmp_path / "nothing there"))
