@@ -94,7 +94,7 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
         scores = each.splits["test"]
         low, high = interval(np.atleast_2d(scores.weighted))
         cells = f"| {100 * scores.spl:.1f} [{100 * low:.1f}, {100 * high:.1f}] |"
-        assert re.search(rf"\| {name} \|  {re.escape(cells)}", text(tmp_path / "results"))
+        assert re.search(rf"\| {name} {re.escape(cells)}", text(tmp_path / "results"))
     assert WHY_SPL in text(tmp_path / "results")
 
 
@@ -252,6 +252,7 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
         entry("equal", 0.45, 0.4, 0.5),
         entry("best", 1.0, 1.0, 1.0),
         entry("not compared", 1.0, 1.0, 1.0, compared=False),
+        entry("failing", 0.0, 0.0, 0.04),
     ]
     for [board] in (boards(entries), boards(reversed(entries))):
         assert [(each.rank, each.about.name) for each in board] == [
@@ -261,8 +262,23 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
             (2, "beside"),
             (5, "low"),
             (None, "not compared"),
+            (None, "failing"),
             (None, "none"),
         ]
+
+
+def test_of_methods_that_solve_nothing_none_is_first(entry):
+    [board] = boards([entry("a", 0.0, 0.0, 0.04), entry("b", 0.0, 0.0, 0.04)])
+    assert [each.rank for each in board] == [None, None]
+    page = leaderboard([board])["leaderboard.md"]
+    assert "\n|  | a | 0.0 [0.0, 4.0] |" in page
+
+
+def test_the_leaderboard_begins_with_the_ranks(entry):
+    page = leaderboard(boards([entry("a", 0.5)]))["leaderboard.md"]
+    _, heading, *lines = [line for line in page.splitlines() if line.startswith(("#", "|"))]
+    assert (heading, lines[0]) == ("## 5x5", "| rank | method | SPL | SR | n |")
+    assert page.index("## How to read it") > page.index("fingerprint is")
 
 
 def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first(entry):
@@ -281,7 +297,7 @@ def test_no_name_is_markup_a_link_or_a_formula(entry):
     about = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
     shown = replace(entry("x", -0.5), about=about)
     page, table = leaderboard([[shown]]).values()
-    told = page.partition(f"`{'0' * 64}`")[2]
+    told = page.partition("## 5x5")[2].partition("The dataset's fingerprint")[0]
     assert not re.search(r"(?<!\\)[<`*]", told)
     link = r"[=1\|\<script\>\[a\](javascript:b)\`\*](https://a.org/%28b%29%5Bc%5D%7C%3Cd%3E)"
     assert link in told
