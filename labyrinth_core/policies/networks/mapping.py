@@ -34,7 +34,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.network import ACTIONS
+from labyrinth_core.policies.networks.network import ACTIONS, double
 from labyrinth_core.policies.networks.slots import (
     CELL,
     Slots,
@@ -148,10 +148,10 @@ class Mapper(nn.Module):
             around = Surroundings(*(each[picture, None] for each in surroundings))
             seen = around.on_ways(roles.looks[picture, None], AROUND)
             outcomes = self.outcomes(self.passable(seen)[0])
-            steps, actions = (-outcomes[:, :, :STAY].double()).exp().min(1)
+            steps, actions = (-double(outcomes[:, :, :STAY])).exp().min(1)
             best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
             plans.append(actions.gather(1, best[:, None])[:, 0])
-        return movers, torch.stack(plans)
+        return movers, torch.stack(plans).to(masks.device)
 
 
 def _quickest(steps: Tensor, end: int) -> Tensor:
