@@ -127,7 +127,7 @@ class Scores:
         }
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures in plain types; intervals are over labyrinths and episodes.
+        """Return the figures in plain types; intervals are over labyrinths.
 
         `known_route` has a digit for each labyrinth, 1 if the route is known, else 0.
         """
@@ -146,8 +146,8 @@ class Scores:
                 for name in OUTCOMES
                 if name in episodes.outcomes[~episodes.solved]
             },
-            "sr_interval": list(interval(np.atleast_2d(episodes.solved).astype(np.float64))),
-            "aer_interval": list(return_interval(np.atleast_2d(episodes.returns))),
+            "sr_interval": list(interval(by_labyrinth(episodes.solved)[None])),
+            "aer_interval": list(return_interval(by_labyrinth(episodes.returns)[None])),
         }
 
 
@@ -171,6 +171,15 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     )
 
 
+def by_labyrinth(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the mean of a policy's episodes in each labyrinth, shape (L,), from (L,) or (E, L).
+
+    Several episodes are of one policy, so they say nothing about other seeds.
+    """
+    means: NDArray[np.float64] = np.atleast_2d(values).mean(axis=0, dtype=np.float64)
+    return means
+
+
 def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
     """Return the interval of the mean return; see `interval`.
 
@@ -178,7 +187,7 @@ def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
     one.
 
     Args:
-        returns: The return for each seed or episode and labyrinth, shape (seeds, labyrinths).
+        returns: The mean return for each seed and labyrinth, shape (seeds, labyrinths).
     """
     lowest = min(-STEP_LIMIT * STEP_PENALTY, float(returns.min()))
     return interval(returns, ends=(lowest, GOAL_REWARD))

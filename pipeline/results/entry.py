@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.description import Description, TrainedRun
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import return_interval
+from labyrinth_core.evaluation.scores import by_labyrinth, return_interval
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count
@@ -119,12 +119,11 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
     how many episodes succeed for each length of the shortest route, such as `8: 3 of 5`.
     """
     scores = [each.splits[split] for each in group]
-    returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
     outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
     values = {
-        "spl": np.concatenate([np.atleast_2d(each.weighted) for each in scores]),
+        "spl": np.stack([by_labyrinth(each.weighted) for each in scores]),
         "sr": solved_in(group, split),
-        "aer": returns,
+        "aer": np.stack([by_labyrinth(each.episodes.returns) for each in scores]),
     }
     figures: dict[str, Any] = {
         name: _mean(getattr(each, name) for each in scores)
@@ -149,9 +148,8 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
 
 
 def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
-    """Return 1 for each solved labyrinth, else 0, shape (seeds, labyrinths)."""
-    solved = [np.atleast_2d(each.splits[split].episodes.solved) for each in group]
-    return np.concatenate(solved).astype(np.float64)
+    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
+    return np.stack([by_labyrinth(each.splits[split].episodes.solved) for each in group])
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

@@ -30,9 +30,8 @@ SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, 
 share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
 cells. n: the labyrinths of `{RANKED_BY}`. AER: average episodic return, ± its standard deviation.
 Path efficiency: moves on a shortest route divided by moves taken, in percent, averaged over solved
-episodes. In brackets: 95% intervals over labyrinths, and over seeds or episodes if there are
-several. The interval of one seed says how this policy does on other labyrinths, not how another
-seed does.
+episodes. In brackets: 95% intervals over labyrinths, and over seeds if there are several. The
+interval of one seed says how this policy does on other labyrinths, not how another seed does.
 
 A rank is one more than the number of methods whose interval of SPL lies wholly above. Methods whose
 intervals overlap are not claimed to differ; `README.md` tests whether they differ over seeds, by
