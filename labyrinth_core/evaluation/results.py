@@ -49,10 +49,11 @@ HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
 LEGEND = (
     fill(" ".join(WHY_SPL.split()), COLUMNS),
     "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
-    "known, new: SR where train demonstrates an optimal route, and where it does not.\n"
-    "All in percent, except AER and the counts of failures by kind (loop, wall, ice).\n"
-    "Beside the failures: SPL/SR of baselines without learning; optimum: 100/100.",
+    "known: SR where an optimal route is part of a route that train demonstrates;\n"
+    "new: SR elsewhere. All in percent, except AER, the average episodic return.",
 )
+FAILURES = "Failed episodes by kind:"
+WITHOUT_LEARNING = "SPL/SR of baselines without learning; the optimum has 100/100:"
 REPLANNER_LEGEND = """\
 replanner: replans after each step and assumes that unseen passages are open;
 with memory, and without."""
@@ -100,16 +101,21 @@ class Results:
         """Return the figures as tables with a line for each split."""
         figures = [list(HEADINGS)]
         figures += [[split, *_cells(scores)] for split, scores in self.splits.items()]
+        lines = [self._title(), *_aligned(figures)]
         failures = {split: each.figures()["failures"] for split, each in self.splits.items()}
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
+        if kinds:
+            rows = [["split", *kinds]]
+            for split, found in failures.items():
+                rows.append([split, *(f"{found.get(kind, 0):,}" for kind in kinds)])
+            lines += ["", FAILURES, *_aligned(rows)]
         beside = {name: found for name, found in self.baselines.items() if name != "oracle"}
-        names = [name.replace("_", " ").rpartition(" ") for name in beside]
-        rows = [[""] * (1 + len(kinds)) + [first for first, *_ in names]]
-        rows += [["split", *kinds, *(last for *_, last in names)]]
-        for split, found in failures.items():
-            counts = (f"{found.get(kind, 0):,}" for kind in kinds)
-            rows.append([split, *counts, *(_pair(each[split]) for each in beside.values())])
-        return "\n".join([self._title(), *_aligned(figures), "", *_aligned(rows)])
+        if beside:
+            rows = [["split", *(name.replace("_", " ") for name in beside)]]
+            for split in self.splits:
+                rows.append([split, *(_pair(each[split]) for each in beside.values())])
+            lines += ["", WITHOUT_LEARNING, *_aligned(rows)]
+        return "\n".join(lines)
 
     def legend(self) -> list[str]:
         """Return what the columns of `tables` mean, in parts."""

@@ -186,7 +186,9 @@ class Learner(ABC):
         optimizer.step()
 
     def tensor(self, array: NDArray[Any]) -> Tensor:
-        """Return an array as a tensor on the device."""
+        """Return an array as a tensor on the device, in float32 if it has no float64."""
+        if self.problem.device.type == "mps" and array.dtype == np.float64:
+            array = array.astype(np.float32)
         return torch.as_tensor(array, device=self.problem.device)
 
     def see(self, *states: NDArray[np.int64]) -> Tensor:

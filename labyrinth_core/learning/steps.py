@@ -13,7 +13,7 @@ from torch import Tensor, nn
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
-from labyrinth_core.policies.networks.network import MOMENTUM
+from labyrinth_core.policies.networks.network import MOMENTUM, double
 
 SETTLED_BY = 256
 """The batch size of `settle`, on which the statistics depend."""
@@ -93,7 +93,7 @@ def load_steps(
 
 def softmax(scores: Tensor) -> NDArray[np.float64]:
     """Return the softmax of each row, shape (S, 4), in float64 so that the rows sum to 1."""
-    table: NDArray[np.float64] = torch.softmax(scores.double(), 1).cpu().numpy()
+    table: NDArray[np.float64] = torch.softmax(double(scores), 1).cpu().numpy()
     return table
 
 

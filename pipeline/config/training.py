@@ -114,7 +114,9 @@ class TrainingOptions:
         like=LOCAL_FOLDER,
     )
     device: str = option(
-        "auto", "device of the networks: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
+        "auto",
+        "device of the networks: auto (a GPU if there is one), cpu, cuda",
+        one_of=("auto", "cpu", "cuda"),
     )
     threads: int | None = option(
         None, "CPU threads of the networks (all cores)", at_least=1, at_most=1_000

@@ -165,7 +165,7 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
 
 def _table(leakage: Leakage, *, with_routes: bool) -> Table:
-    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
+    walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
     headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
     table = Table(
         "splits",
@@ -180,7 +180,7 @@ def _table(leakage: Leakage, *, with_routes: bool) -> Table:
         counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
         counts += [each.within(walls) for walls in NEAR]
         table.add_row(
-            f"{pair.first}\n{pair.second}",
+            f"{pair.first}, {pair.second}",
             *(f"{count:,}" for count in counts),
             f"{len(each.same_route):,}" if with_routes else "-",
             each.spread(of),

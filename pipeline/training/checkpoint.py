@@ -62,8 +62,8 @@ def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
     tensors["random/cpu"] = torch.get_rng_state()
     device = learner.problem.device
-    if device.type == "cuda":
-        tensors["random/cuda"] = torch.cuda.get_rng_state(device)
+    if device.type != "cpu":
+        tensors[f"random/{device.type}"] = torch.get_device_module(device).get_rng_state()
     done = {name: value for name, value in vars(progress).items() if name != "weights"}
     rng = learner.problem.rng.bit_generator.state
     state = {"learner": plain, "progress": done, "rng": rng, "run": dict(identity)}
@@ -85,8 +85,9 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])
-    if "random/cuda" in tensors:
-        torch.cuda.set_rng_state(tensors["random/cuda"], str(learner.problem.device))
+    kind = learner.problem.device.type
+    if kind != "cpu" and f"random/{kind}" in tensors:
+        torch.get_device_module(kind).set_rng_state(tensors[f"random/{kind}"])
     return Progress(**state["progress"], weights=_within(tensors, "best"))
 
 

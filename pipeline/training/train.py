@@ -111,8 +111,9 @@ def _train(
     options = run.options
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
-    cuda = [device] if device.type == "cuda" else []
-    with torch.random.fork_rng(devices=cuda):
+    # Older versions of PyTorch cannot fork the random state of Apple's GPUs.
+    forked = [device] if device.type in ("cuda", "xpu") else []
+    with torch.random.fork_rng(devices=forked, device_type=forked[0].type if forked else "cuda"):
         torch.manual_seed(options.seed)
         try:
             learner, judge = prepare(run, method, settings, device)
@@ -123,8 +124,7 @@ def _train(
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    computed = {"device": device.type, "threads": torch.get_num_threads()}
-    write_record(folder, run.run_name.name, identity, done, computed)
+    write_record(folder, run.run_name.name, identity, done, computed_on(device))
     return done
 
 
@@ -136,10 +136,20 @@ def choose_device(options: TrainingOptions) -> torch.device:
     """
     if options.threads is not None:
         torch.set_num_threads(options.threads)
-    available = torch.cuda.is_available()
-    if options.device == "cuda" and not available:
+    available = torch.accelerator.is_available()
+    found = torch.accelerator.current_accelerator() if available else None
+    if options.device == "cuda" and (found is None or found.type != "cuda"):
         raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
-    return torch.device("cuda" if available and options.device != "cpu" else "cpu")
+    return torch.device("cpu") if found is None or options.device == "cpu" else found
+
+
+def computed_on(device: torch.device) -> dict[str, Any]:
+    """Return the device, the CPU threads, and on NVIDIA's GPUs what may be rounded to TF32."""
+    computed: dict[str, Any] = {"device": device.type, "threads": torch.get_num_threads()}
+    if device.type == "cuda":
+        products = torch.backends.cuda.matmul.allow_tf32
+        computed["tf32"] = {"convolutions": torch.backends.cudnn.allow_tf32, "products": products}
+    return computed
 
 
 def identify(run: Run, settings: Mapping[str, Any], fingerprint: str) -> dict[str, Any]:

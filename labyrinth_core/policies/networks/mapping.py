@@ -35,7 +35,7 @@ from torch.nn import functional
 
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.network import ACTIONS
+from labyrinth_core.policies.networks.network import ACTIONS, double
 from labyrinth_core.policies.networks.slots import (
     CELL,
     Slots,
@@ -153,14 +153,14 @@ class Mapper(nn.Module):
             around = Surroundings(*(each[picture, None] for each in surroundings))
             seen = around.on_ways(roles.looks[picture, None], AROUND)
             outcomes = self.outcomes(self.passable(seen)[0])
-            steps, actions = (-outcomes[:, :, :STAY].double()).exp().min(1)
+            steps, actions = (-double(outcomes[:, :, :STAY])).exp().min(1)
             if steps.isnan().any():
                 raise PolicyError(
                     "the mapper computes nan: its weights are not finite, or too large"
                 )
             best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
             plans.append(actions.gather(1, best[:, None])[:, 0])
-        return movers, torch.stack(plans)
+        return movers, torch.stack(plans).to(masks.device)
 
 
 def _quickest(steps: Tensor, end: int) -> Tensor:

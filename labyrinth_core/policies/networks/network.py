@@ -181,3 +181,8 @@ class Network(nn.Module):
         """Return the input of the last layer, shape (batch, WIDTH)."""
         features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
         return features
+
+
+def double(tensor: Tensor) -> Tensor:
+    """Return a tensor in double precision, on the CPU if its device (Apple's GPUs) has none."""
+    return (tensor.cpu() if tensor.device.type == "mps" else tensor).double()

@@ -11,6 +11,7 @@ default; here they show what they contribute without the planner's network.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import fsum
 from typing import Any
 
 import torch
@@ -88,7 +89,7 @@ class Method(Learner):
             loss = self.loss(pictures, labels)
             self.descend(self.optimizer, loss)
             losses.append(loss.item())
-        return sum(losses) / len(losses)
+        return fsum(losses) / len(losses)
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         """Return the mean loss of a batch of examples."""

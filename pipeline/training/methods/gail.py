@@ -44,6 +44,7 @@ from labyrinth_core.policies.networks.network import (
     Mlp,
     Network,
     as_input,
+    double,
 )
 from labyrinth_core.policies.spec import NetworkSpec
 
@@ -151,7 +152,7 @@ class Method(Learner):
 
     def epoch(self) -> dict[str, float]:
         problem, settings = self.problem, self.settings
-        outputs = self.outputs(self.actor).double()
+        outputs = double(self.outputs(self.actor))
         probabilities = softmax(outputs[:, :-1])
         rollout = roll_out(
             problem.arrays, probabilities, self.where, self.taken, settings.steps, problem.rng
@@ -204,7 +205,7 @@ class Method(Learner):
 
 def reward_of(logits: Tensor) -> Tensor:
     """Return the reward log D, which is negative, from the discriminator's logits."""
-    return functional.logsigmoid(logits.double())
+    return functional.logsigmoid(double(logits))
 
 
 def shares_of(

@@ -177,7 +177,7 @@ def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path
     assert pair["same_route"] == {}
     shown = capsys.readouterr().out
     assert "only structures are compared" in shown
-    assert re.search(r"train +2 +1 +2 +2 .* - +0", shown)
+    assert re.search(r"train, test +2 +1 +2 +2 .* - +0", shown)
 
 
 def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_path, capsys):

@@ -283,9 +283,31 @@ def test_an_impossible_setting_is_refused_in_one_line(
 def test_a_device_that_is_not_there_is_refused(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.accelerator, "is_available", lambda: False)
     with pytest.raises(ConfigError, match="device=cuda: no such device is available"):
         train.run(run_of(device="cuda"))
+
+
+@pytest.mark.parametrize("found", ["cuda", "xpu", "mps"])
+def test_auto_takes_the_accelerator_that_pytorch_finds(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, found: str
+) -> None:
+    monkeypatch.setattr(torch.accelerator, "is_available", lambda: True)
+    monkeypatch.setattr(torch.accelerator, "current_accelerator", lambda: torch.device(found))
+    assert train.choose_device(run_of(device="auto").options).type == found
+    assert train.choose_device(run_of(device="cpu").options).type == "cpu"
+    if found != "cuda":
+        with pytest.raises(ConfigError, match="device=cuda: no such device is available"):
+            train.choose_device(run_of(device="cuda").options)
+
+
+def test_the_record_says_what_may_be_rounded_to_tf32_on_nvidias_gpus_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
+    found = train.computed_on(torch.device("cuda"))
+    assert found["tf32"] == {"convolutions": False, "products": False}
+    assert train.computed_on(torch.device("cpu")).keys() == {"device", "threads"}
 
 
 # Some of the labyrinths of train.
