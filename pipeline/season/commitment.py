@@ -164,7 +164,7 @@ class Season:
 
         It is moved to its place if the process that made the season was killed before.
         """
-        for kept in temporaries(place.secret):
+        for kept in temporaries(place.secret.parent, [place.secret.name]):
             with suppress(DatasetError, OSError):
                 self.require_secret(kept)
                 kept.replace(place.secret)

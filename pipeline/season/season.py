@@ -72,7 +72,8 @@ def _make(run: Run, place: Place, folder: Path, kept: Path) -> None:
             f"{place.secret} exists, but its season does not: move it away, or choose another "
             "season.name"
         )
-    for left in temporaries(place.secret):  # Its process was killed before the season existed.
+    # A process was killed before the season existed.
+    for left in temporaries(place.secret.parent, [place.secret.name]):
         left.unlink()
     secret = os.urandom(SECRET_BYTES)
     _keep(kept, place.secret, secret)
