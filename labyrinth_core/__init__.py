@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
     from labyrinth_core.evaluation.questions import question as question
     from labyrinth_core.evaluation.written_routes import score_answer as score_answer
+    from labyrinth_core.language.source_text import LabyrinthSyntaxError as LabyrinthSyntaxError
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
@@ -45,6 +46,7 @@ _HOMES = {
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
     "LabyrinthError": "world.labyrinth",
+    "LabyrinthSyntaxError": "language.source_text",
     "PolicyError": "evaluation.answers",
     "Structure": "world.labyrinth",
     "Task": "world.labyrinth",

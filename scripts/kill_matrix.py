@@ -3,6 +3,7 @@
     python scripts/kill_matrix.py --kills 200
     python scripts/kill_matrix.py --kills 30 --executor dask --workers 2
     python scripts/kill_matrix.py --kills 40 --parts 4
+    python scripts/kill_matrix.py --kills 36 --stages evaluate results report minari
 
 A build of 30 shards, with at least five chunks of candidate structures, is forked and gets SIGKILL.
 Then the same build runs to its end in the same folder. Half of the kills hit the whole process
@@ -16,8 +17,13 @@ With --parts N, N processes build one part each at the same time. After a random
 still running are killed and started again, until all parts are finished; then a run without a part
 joins them.
 
-The exit status is 1 if any dataset differs from that of an uninterrupted build, or if a process or
-shared memory is left behind.
+With --stages, these stages are killed instead: `evaluate` with a policy of the user, `results`,
+`report`, and an export in the format `minari`, `imitation` or `lerobot`. Each kill comes before a
+random change of files, in half of the cases while older files are replaced. Then the same stage
+runs again. Every file has to be that of an uninterrupted run, and every SHA256SUMS right.
+
+The exit status is 1 if any dataset or folder differs from that of an uninterrupted run, or if a
+process or shared memory is left behind.
 """
 
 from __future__ import annotations
@@ -33,20 +39,30 @@ import time
 import traceback
 import warnings
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
+from importlib import import_module
+from mmap import mmap
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import joblib  # noqa: F401  Imported before forking, so that each build starts at once.
+import joblib  # noqa: F401  Imported before forking, so that each process starts at once.
+import PIL.Image  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
 from pipeline.config.composed import ALL, resolve
+from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
+from pipeline.config.stages import STAGES
+from pipeline.evaluation import evaluate
+from pipeline.evaluation.options import EvaluationOptions
+from pipeline.export import stage as export
 from pipeline.generation import build
 from pipeline.machinery.executor import cluster
+from pipeline.report import report
+from pipeline.results import results
 
 LABYRINTHS, SHARDS = 40, 5
 """The number of labyrinths and of shards in each split."""
@@ -90,7 +106,7 @@ class Found:
 
 
 @contextmanager
-def started(run: Job[Any], left: list[str]) -> Iterator[int]:
+def started(run: Job[Any], left: list[str], stage: str = "build") -> Iterator[int]:
     """Build in a new process group, yield the id of its first process, and end the group.
 
     Processes and shared memory that the build leaves behind are added to `left`.
@@ -100,7 +116,7 @@ def started(run: Job[Any], left: list[str]) -> Iterator[int]:
         warnings.simplefilter("ignore", DeprecationWarning)
         process = os.fork()
     if not process:
-        perform(run)
+        perform(run, stage)
     os.setpgid(process, process)
     try:
         yield process
@@ -110,8 +126,8 @@ def started(run: Job[Any], left: list[str]) -> Iterator[int]:
         left.extend(what_is_left(process))
 
 
-def perform(run: Job[Any]) -> None:
-    """Build in a forked process, and exit."""
+def perform(run: Job[Any], stage: str) -> None:
+    """Build, or perform another stage, in a forked process, and exit."""
     status = 1
     try:
         os.setpgid(0, 0)
@@ -120,8 +136,12 @@ def perform(run: Job[Any]) -> None:
         os.dup2(log, 1)
         os.dup2(log, 2)
         cells = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
-        with cluster(run.options.executor, run.options.workers):
-            build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
+        executor = getattr(run.options, "executor", "local")
+        with cluster(executor, run.options.workers):
+            if stage == "build":
+                build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
+            else:
+                import_module(STAGES[stage].module).run(run)
         status = 0
     except BaseException:
         traceback.print_exc()
@@ -133,7 +153,8 @@ def perform(run: Job[Any]) -> None:
 
 def log_of(run: Job[Any]) -> Path:
     """Return the log file of a build."""
-    return Path(f"{run.data_dir}{run.options.part.replace('/', '-of-')}.log")
+    part = getattr(run.options, "part", "")
+    return Path(f"{run.data_dir}{part.replace('/', '-of-')}.log")
 
 
 def what_is_left(process: int) -> list[str]:
@@ -157,9 +178,9 @@ def clear_memory(process: int) -> list[str]:
     return [path.name for path in found]
 
 
-def finish(run: Job[Any], left: list[str]) -> None:
+def finish(run: Job[Any], left: list[str], stage: str = "build") -> None:
     """Build to the end."""
-    with started(run, left) as process:
+    with started(run, left, stage) as process:
         ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
     if ended is None or ended.si_status:
         print(log_of(run).read_text())
@@ -297,6 +318,156 @@ def kill_builds(folder: Path, given: argparse.Namespace, found: Found) -> None:
         print(f"killed {came_to}: {'the same' if same else 'DIFFERENT'} in the end", flush=True)
 
 
+# Stages that leave files.
+
+CHANGES = ("open", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "shutil.rmtree")
+"""The audit events of Python that may change files."""
+POLICY = """
+import numpy as np
+
+def act(observations):
+    return np.arange(len(observations)) % 4
+"""
+
+
+def stage_in(folder: Path, stage: str, *, older: bool = False) -> Callable[[], None]:
+    """Return a function that runs a stage on the dataset in a folder.
+
+    Args:
+        folder: The folder with the dataset, the policy and all that the stage writes.
+        stage: The name of the stage, or the format of an export.
+        older: Whether to write other files than those of the stage that is killed.
+    """
+    places = {f"{name}_dir": str(folder / f"{name}s") for name in ("data", "run")}
+    places["results_dir"] = str(folder / "results")
+    fixed: dict[str, Any] = {"size": "3", "labyrinths": 4, "random_steps": 5, **places}
+
+    def run(module: Any, **options: Any) -> None:
+        module.run(*resolve(ALL(**fixed | options)).values())
+
+    def judge(name: str, seed: int) -> None:
+        about = EvaluationOptions(name=name, gifs=1)
+        run(evaluate, stages=["evaluate"], policy="killed_policy:act", seed=seed, evaluation=about)
+
+    def act() -> None:
+        if stage == "build":
+            run(build, stages=["build"])
+        elif stage == "evaluate":
+            judge("mine", int(older))
+        elif stage in ("results", "report"):
+            if not older:
+                judge("another", 0)
+            run({"results": results, "report": report}[stage], stages=[stage])
+        else:
+            asked = ExportOptions(format=stage, folder=str(folder / "exports"), splits=("test",))
+            asked = replace(asked, image_size=16 if older else 32)
+            run(export, stages=["export"], export=asked, overwrite=True)
+
+    return act
+
+
+def ended(act: Callable[[], None], log: Path, before: Callable[[], None] = lambda: None) -> int:
+    """Call two functions in a forked process, and return the status that `os.waitpid` gives."""
+    process = os.fork()
+    if not process:
+        status = 1
+        try:
+            output = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.dup2(output, 1)
+            os.dup2(output, 2)
+            before()
+            act()
+            status = 0
+        except BaseException:
+            traceback.print_exc()
+        finally:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(status)
+    return os.waitpid(process, 0)[1]
+
+
+def killing(folder: Path, most: int, counter: mmap) -> Callable[[], None]:
+    """Return a function that lets its process be killed after `most` changes below a folder.
+
+    Args:
+        folder: The folder.
+        most: The number of changes that come before the kill.
+        counter: Memory that processes share, for the number of changes.
+    """
+    counter[:] = bytes(len(counter))
+
+    def hook(event: str, arguments: tuple[Any, ...]) -> None:
+        if event in CHANGES and str(arguments[0]).startswith(str(folder)):
+            is_read = event == "open" and not arguments[2] & (os.O_WRONLY | os.O_RDWR)
+            done = int.from_bytes(counter[:]) + (not is_read)
+            if done > most:
+                os.kill(os.getpid(), signal.SIGKILL)
+            counter[:] = done.to_bytes(len(counter))
+
+    return lambda: sys.addaudithook(hook)
+
+
+def wrong_lists(folder: Path) -> list[str]:
+    """Return each name that a SHA256SUMS below a folder lists twice or with another hash."""
+    wrong = []
+    for path in folder.rglob("SHA256SUMS"):
+        lines = [line.split("  ", 1) for line in path.read_text().splitlines() if line[0] != "#"]
+        for digest, name in lines:
+            file = path.parent / name
+            if not file.is_file() or sha256(file.read_bytes()).hexdigest() != digest:
+                wrong.append(str(file.relative_to(folder)))
+    return wrong
+
+
+def kill_stages(folder: Path, given: argparse.Namespace, found: Found) -> None:
+    """Kill each stage the requested number of times, and run it again after each kill."""
+    rng, log, work = random.Random(given.seed), folder / "log", folder / "work"
+    counter = mmap(-1, 8)
+    sys.path.insert(0, str(folder))
+    (folder / "killed_policy.py").write_text(POLICY)
+
+    def do(act: Callable[[], None]) -> None:
+        if ended(act, log):
+            print(log.read_text())
+            raise SystemExit(f"a stage in {work} failed")
+
+    do(stage_in(work, "build"))
+    do(stage_in(work, "evaluate"))
+    prepared = work.rename(folder / "prepared")
+    for stage in given.stages:
+        act, started_again, lists = stage_in(work, stage), 0, 0
+        for older in [False, True]:
+            begun = folder / f"begun-{stage}-{older}"
+            shutil.copytree(prepared, work)
+            if older:
+                do(stage_in(work, stage, older=True))
+            shutil.copytree(work, begun)
+            do(act)
+            files = hashes(work)
+            shutil.rmtree(work)
+            shutil.copytree(begun, work)
+            ended(act, log, killing(work, 10**6, counter))
+            changes = int.from_bytes(counter[:])
+            for _ in range(given.kills // 2):
+                shutil.rmtree(work)
+                shutil.copytree(begun, work)
+                if not ended(act, log, killing(work, rng.randrange(changes), counter)):
+                    found.phases[TOO_LATE] += 1
+                    continue
+                found.phases[stage] += 1
+                started_again += not ended(act, log)
+                found.different += hashes(work) != files
+                lists += not wrong_lists(work)
+            shutil.rmtree(work)
+        print(
+            f"{found.phases[stage]} kills of {stage}: the same command goes on after "
+            f"{started_again}, every SHA256SUMS is right after {lists}",
+            flush=True,
+        )
+        found.different += found.phases[stage] - min(started_again, lists)
+
+
 def main() -> None:
     """Parse the options, kill, and report."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
@@ -304,6 +475,7 @@ def main() -> None:
     parser.add_argument("--executor", default="local", help="local or dask")
     parser.add_argument("--workers", type=int, nargs="+", default=[1, 2], help="drawn per build")
     parser.add_argument("--parts", type=int, default=0, help="parts of each build; 0 for none")
+    parser.add_argument("--stages", nargs="+", default=[], help="stages to kill, not builds")
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args()
     found = Found()
@@ -311,7 +483,10 @@ def main() -> None:
         tempfile.TemporaryDirectory(prefix="labyrinth-kills-") as folder,
         suppress(KeyboardInterrupt),
     ):
-        kill_builds(Path(folder), given, found)
+        (kill_stages if given.stages else kill_builds)(Path(folder).resolve(), given, found)
+    if given.stages:
+        print(f"{found.different} folders differ from those of an uninterrupted run")
+        sys.exit(bool(found.different))
     counted = sum(found.phases.values()) - found.phases[TOO_LATE]
     parts = f", parts={given.parts}" if given.parts else ""
     print(f"{counted} kills, executor={given.executor}, workers={given.workers}{parts}")

@@ -39,7 +39,8 @@ ROOMS = {
     "labyrinth_core.env": of_library("world", "language", "pictures"),
     "labyrinth_core.data": of_library("world", "language", "pictures"),
     "labyrinth_core.evaluation": of_library("world", "language", "pictures", "data"),
-    "labyrinth_core.policies": of_library("world", "pictures", "data", "evaluation"),
+    "labyrinth_core.policies": of_library("world", "language", "pictures", "data", "evaluation"),
+    "labyrinth_core.learning": of_library("world", "pictures", "data", "evaluation", "policies"),
     # The command needs data to write files as all are written.
     "labyrinth_core.command": of_library("world", "language", "pictures", "data"),
     "labyrinth_core": ("labyrinth_core",),
@@ -100,7 +101,12 @@ HOMES = {
     "yaml": ("pipeline",),
     "joblib": ("pipeline.machinery.executor",),
     "distributed": ("pipeline.machinery.executor",),
-    "torch": ("labyrinth_core.policies", "pipeline.training", "pipeline.season.submission"),
+    "torch": (
+        "labyrinth_core.policies",
+        "labyrinth_core.learning",
+        "pipeline.training",
+        "pipeline.season.submission",
+    ),
     "onnxruntime": ("pipeline.season.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": ("labyrinth_core.env", "pipeline.export.minari"),
@@ -122,6 +128,7 @@ AT_ONCE_IN_THE_LIBRARY = {
     "labyrinth_core.env": ("numpy", "gymnasium"),
     "labyrinth_core.env.window": ("numpy", "pygame"),
     "labyrinth_core.policies.networks": ("numpy", "torch"),
+    "labyrinth_core.learning": ("numpy", "torch"),
 }
 """Room or module of the library -> what importing it may import; the rest waits in functions."""
 
@@ -435,7 +442,10 @@ LIBRARIES = {*packages_distributions(), *HOMES, "pandas"} - sys.stdlib_module_na
 
 
 def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_networks():
-    others = ("labyrinth_core.data.hub", "labyrinth_core.env", "labyrinth_core.policies.networks")
+    others = (
+        *("labyrinth_core.data.hub", "labyrinth_core.env", "labyrinth_core.learning"),
+        "labyrinth_core.policies.networks",
+    )
     modules = [
         name
         for name in modules_of(ROOT)

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import re
+import subprocess
 from itertools import chain
 from pathlib import Path
 
@@ -48,3 +50,30 @@ def test_the_pythons_that_the_package_names_are_those_that_are_checked() -> None
     image = re.match(r"python:(3\.\d+)-", JOBS["all"]["container"]["image"])
     assert image is not None
     assert seen | {image[1]} == named
+
+
+def test_what_runs_in_a_release_has_the_versions_of_constraints() -> None:
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8")
+    assert {"build", "hatchling"} <= {line.partition("==")[0] for line in pins.splitlines()}
+    trusted = [JOBS[name] for name in MAY_WRITE] + [JOBS["distributions"]]
+    runs = [step["run"] for job in trusted for step in job["steps"] if "run" in step]
+    installed = [run for run in runs if "pip install" in run]
+    assert installed
+    assert all("-c constraints.txt" in run for run in installed)
+    assert all("--no-build-isolation" in run for run in installed if run.split()[-1] == ".")
+    assert "--no-isolation" in (ROOT / ".ci/wheel").read_text(encoding="utf-8")
+
+
+def run_of_tag(tag: str, version: str, folder: Path) -> int:
+    """Run the check of a tag against a version, and return its exit status."""
+    (folder / "labyrinth_core").mkdir(exist_ok=True)
+    (folder / "labyrinth_core" / "version.py").write_text(f'__version__ = "{version}"\n')
+    (command,) = (s["run"] for s in JOBS["distributions"]["steps"] if "tag" in s.get("name", ""))
+    environment = {"GITHUB_REF_NAME": tag, "PATH": os.environ["PATH"]}
+    return subprocess.run(["bash", "-c", command], cwd=folder, env=environment).returncode
+
+
+def test_a_tag_is_the_version_itself_and_no_pattern(tmp_path: Path) -> None:
+    assert run_of_tag("v1.2.0", "1.2.0", tmp_path) == 0
+    for tag in ("v1.2.1", "v1.2", "v1.*", "v...2.0", "v1x2.0"):
+        assert run_of_tag(tag, "1.2.0", tmp_path) != 0

@@ -8,7 +8,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, parse_size, printable
+from labyrinth_core.language.source_text import (
+    LabyrinthSyntaxError,
+    parse_size,
+    printable,
+    printable_line,
+)
 from labyrinth_core.version import __version__
 from labyrinth_core.world.labyrinth import LabyrinthError, Task
 
@@ -30,13 +35,15 @@ def explain(error: Exception) -> None:
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename is not None else ""
         message = where + (error.strerror or message)
-    program = "" if isinstance(error, LabyrinthSyntaxError) else "labyrinth: "
-    print(printable(program + message), file=sys.stderr)
+    if isinstance(error, LabyrinthSyntaxError):
+        print(printable(message), file=sys.stderr)  # It has several lines.
+    else:
+        print(printable_line(f"labyrinth: {message}"), file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
-        self.exit(1, f"{self.prog}: {printable(message)} (see {self.prog} --help)\n")
+        self.exit(1, f"{self.prog}: {printable_line(message)} (see {self.prog} --help)\n")
 
 
 def _size(text: str) -> tuple[int, int]:
@@ -104,11 +111,12 @@ def parser() -> argparse.ArgumentParser:
     check = command("check", text)
     text = (
         "Print a labyrinth, in colour on a terminal, or make a picture of it. Without --solution "
-        "the plain text is the canonical form of the file."
+        "the plain text is the canonical form of the file. A labyrinth without a route is drawn, "
+        "too; the reason is shown, and the exit status is 1."
     )
     show = command("show", text)
     solve = command("solve", "Print a shortest route as the actions to take.")
-    new = command("new", "Draw a random labyrinth and print its text.")
+    new = command("new", "Draw a random or blank labyrinth and print its text.")
     text = (
         "Print a labyrinth in another format as text. A file that ends in .npy holds wall grids or "
         "mazes of maze-dataset; a folder holds several files; any other file is a list of edges."
@@ -141,6 +149,9 @@ def parser() -> argparse.ArgumentParser:
     new.add_argument("--task", type=_task, default=Task.NAVIGATION, metavar="TASK", help=text)
     text = "the same seed makes the same labyrinth (default: a random seed)"
     new.add_argument("--seed", type=_whole(0), metavar="N", help=text)
+    new.add_argument(
+        "--blank", action="store_true", help="no walls and no tiles: a drawing to edit by hand"
+    )
     text = "how the spanning tree is drawn: wilson, depth_first, kruskal or prim"
     text = f"{text} (default: %(default)s)"
     new.add_argument("--sampler", default="wilson", metavar="NAME", help=text)

@@ -13,19 +13,25 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import named_file, write_bytes
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import MAX_TEXT, decode, printable, read_text
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language.source_text import (
+    MAX_TEXT,
+    LabyrinthSyntaxError,
+    decode,
+    printable_line,
+    read_text,
+)
+from labyrinth_core.language.text import dump, parse, parse_sketch
 from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
 from labyrinth_core.world.dynamics import Action, Episode, initial, replay
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, Sketch, Structure
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.solver import shortest_route, simple_routes
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world.tasks import default_start_and_goal, sample_labyrinth
 
 COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
 """The colour of each character on a terminal, as parameters of the SGR sequence (ECMA-48)."""
@@ -65,17 +71,26 @@ def _check(options: Namespace) -> int:
             status = 1
             continue
         moves = _counted(len(_optimal(labyrinth)), "move")
-        print(f"{printable(file)}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
+        print(f"{printable_line(file)}: ok, {labyrinth.size_name}, {labyrinth.task}, {moves}")
     return status
 
 
 def _show(options: Namespace) -> int:
-    labyrinth = _load(options)
+    text, name = _read(options.file)
+    status = 0
+    try:
+        labyrinth = parse(text, file=name, seed=options.seed)
+    except LabyrinthSyntaxError as error:
+        if options.solution or options.gif is not None:
+            raise
+        labyrinth = parse_sketch(text, file=name)  # Raises if there is nothing to draw.
+        explain(error)
+        status = 1
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
-        write_bytes(options.png, _picture(labyrinth, cells))
+        write_bytes(named_file(options.png), _picture(labyrinth, cells))
     if options.gif is not None:
-        write_bytes(options.gif, _moving_picture(labyrinth))
+        write_bytes(named_file(options.gif), _moving_picture(labyrinth))
     if options.png is options.gif is None:
         drawing = draw_text(labyrinth, route=cells)
         if _in_colour():
@@ -85,7 +100,7 @@ def _show(options: Namespace) -> int:
             )
         settings, _, _ = dump(labyrinth).partition("-")
         sys.stdout.write(f"{settings}{drawing}end\n")
-    return 0
+    return status
 
 
 def _in_colour() -> bool:
@@ -161,6 +176,13 @@ def _new(options: Namespace) -> int:
     if options.sampler not in ALGORITHMS:
         raise RequestError(f"sampler={options.sampler}: choose one of {', '.join(ALGORITHMS)}")
     height, width = options.size
+    if options.blank:
+        if options.sampler != "wilson" or (options.open_walls, options.seed) != (None, None):
+            raise RequestError("--blank needs no --sampler, --open-walls or --seed")
+        ends = default_start_and_goal(height, width)
+        blank = Sketch(Structure.without_walls(height, width), *ends, options.task)
+        sys.stdout.write(dump(blank))
+        return 0
     labyrinth = sample_labyrinth(
         height,
         width,
@@ -174,6 +196,8 @@ def _new(options: Namespace) -> int:
 
 
 def _convert(options: Namespace) -> int:
+    if options.file != "-":
+        Path(options.file).stat()  # Raises if it does not exist, whatever the other options are.
     if options.file != "-" and is_collection(Path(options.file)):
         if options.size is not None:
             raise RequestError("--size is only for lists of edges")

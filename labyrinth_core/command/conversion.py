@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 from labyrinth_core.command.arguments import RequestError
 from labyrinth_core.language.collection import KINDS, Entry, read_collection
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
@@ -86,7 +86,7 @@ def _write(source: Path, entries: Iterator[tuple[str, str, str]], output: Path) 
             raise _nothing(source)
         folder.replace(output)
     parts = ", ".join(f"{count:,} of {split}" for split, count in written.items())
-    print(printable(f"{output}: {parts}"))
+    print(printable_line(f"{output}: {parts}"))
     return int(bool(problems))
 
 
@@ -94,7 +94,7 @@ def _explain(problems: list[str]) -> None:
     more = len(problems) - PROBLEMS_SHOWN
     shown = [*problems[:PROBLEMS_SHOWN], *([f"and {more:,} more"] if more > 0 else [])]
     for line in shown:
-        print(printable(line), file=sys.stderr)
+        print(printable_line(line), file=sys.stderr)
 
 
 def _nothing(source: Path) -> RequestError:

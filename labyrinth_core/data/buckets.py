@@ -7,42 +7,22 @@ the same), and in labyrinths that are sampled without a dataset.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.world.buckets import bucket_at_any_ends, split_of
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.tasks import MAX_DRAWS, default_start_and_goal, draw_start_and_goal, place
 
 
-def split_of(structure: Structure, buckets: Sequence[int]) -> str:
-    """Return the split to which a structure belongs in every dataset: train, validation or test.
-
-    Args:
-        structure: The structure; its mirror image that keeps start and goal is in the same split.
-        buckets: The percentages of all structures in the three splits.
-    """
-    percent = int(structure.canonical().structure_id, 16) * 100 >> 63
-    train, validation, _ = buckets
-    if percent < train:
-        return "train"
-    return "validation" if percent < train + validation else "test"
-
-
 def bucket_of(config: DatasetConfig, structure: Structure) -> str | None:
-    """Return which of train, validation and test may hold a structure; None if it is left out.
-
-    With fixed goals this is `split_of`. With varied goals, any rotation or reflection may give the
-    same labyrinth again. Then a structure is allowed only if it is in the same split as the
-    smallest of its eight images, a rule that depends on nothing else in the dataset.
-    """
-    split = split_of(structure, config.buckets)
+    """Return which of train, validation and test may hold a structure; None if it is left out."""
     if config.goals == "fixed":
-        return split
-    least = min(structure.symmetries())
-    return split if split_of(least, config.buckets) == split else None
+        return split_of(structure, config.buckets)
+    return bucket_at_any_ends(structure, config.buckets)
 
 
 def sample_test(config: DatasetConfig, rng: np.random.Generator) -> Iterator[Labyrinth]:

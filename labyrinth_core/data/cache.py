@@ -88,8 +88,12 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
         OSError: The folder can be neither read nor made.
         DatasetError: The frames exceed the limit by themselves, or the limit is not a number.
     """
+    lock = folder.with_name(f".{folder.name}.lock")
     found = _read(folder, shape)
     if found is not None:
+        if lock.exists():  # A process was killed just after it had made the folder.
+            with suppress(OSError), locked(lock, wait=False):
+                pass
         return found
     size, most = math.prod(shape), _limit()
     if size > most:
@@ -101,7 +105,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {folder}", stacklevel=4)
     folder.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(folder.parent)
-    with locked(folder.with_name(f".{folder.name}.lock")):
+    with locked(lock):
         if _read(folder, shape) is None:  # No other process has made it meanwhile.
             _make_room(folder, most - size)
             _make(folder, shape, content)
@@ -222,7 +226,12 @@ def _save(
 
 def _remove(folder: Path) -> None:
     """Remove the folder of a cache if it exists; raise OSError if it also holds other files."""
+    if folder.is_symlink():
+        folder.unlink()
     with suppress(FileNotFoundError):
+        for path in folder.iterdir():
+            if path.name not in _FILES:
+                raise OSError(errno.ENOTEMPTY, "is no file of a cache: move it away", str(path))
         for name in _FILES:
             (folder / name).unlink(missing_ok=True)
         folder.rmdir()

@@ -13,21 +13,27 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import GROUP_BYTES, TABLE_COLUMNS
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, Shard, table_file
+from labyrinth_core.data.format import GROUP_BYTES
+from labyrinth_core.data.manifest import (
+    MANIFEST,
+    TABLE,
+    Manifest,
+    Shard,
+    replaced,
+)
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
+from labyrinth_core.data.selection import Filter as Filter
+from labyrinth_core.data.selection import Spans, ends_of, select
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
-from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
-    from pyarrow.compute import Expression
     from pyarrow.parquet import ParquetFile
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
@@ -38,9 +44,6 @@ FULL = GROUP_BYTES // 4
 Marks = NDArray[np.int8]
 """Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
 
-Filter: TypeAlias = "Expression"
-"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
-
 
 @dataclass(frozen=True, eq=False)
 class Part:
@@ -49,8 +52,8 @@ class Part:
     folder: AnyPath
     shards: Sequence[Shard]
     """All shards of the split."""
-    marks: Sequence[Marks] | None = None
-    """The requested rows of each shard; None for all rows."""
+    spans: Spans | None = None
+    """The requested labyrinths; None for all rows."""
     config: DatasetConfig | None = None
     """The dataset's config, if known, which `replayed` checks labyrinths against."""
     place: RemotePath | None = None
@@ -64,17 +67,47 @@ class Part:
 
     def counts(self) -> NDArray[np.int64]:
         """Return the number of rows of each shard that belong to this part."""
-        if self.marks is None:
+        if self.spans is None:
             return np.array([shard.rows for shard in self.shards])
-        return np.array([np.count_nonzero(marks) for marks in self.marks])
+        firsts, rows = self.spans
+        counts = np.zeros(len(self.shards), np.int64)
+        np.add.at(counts, np.searchsorted(ends_of(self.shards), firsts, "right"), rows)
+        return counts
 
     def key(self) -> list[str]:
         """Return the hash of each shard, and of the selection of rows unless all are selected."""
         hashes = [shard.sha256 for shard in self.shards]
-        if self.marks is not None:
-            rows = np.packbits(np.concatenate(self.marks) > 0)
-            hashes.append(hashlib.sha256(rows.tobytes()).hexdigest())
+        if self.spans is not None:
+            firsts, rows = self.spans
+            ends = firsts + rows
+            apart = np.append(True, firsts[1:] != ends[:-1])  # From the labyrinth before.
+            runs = np.stack([firsts[apart], ends[np.append(apart[1:], True)]])
+            hashes.append(hashlib.sha256(runs.tobytes()).hexdigest())
         return hashes
+
+    def require_sizes(self) -> None:
+        """Raise DatasetError if a local shard is not of the size in the manifest.
+
+        Call it before memory is taken for the rows that the manifest promises.
+        """
+        for number in np.flatnonzero(self.counts()).tolist():
+            path, size = self.folder / self.shards[number].path, self.shards[number].bytes
+            if isinstance(path, Path) and path.is_file() and path.stat().st_size != size:
+                with self.opened(number):  # It raises the error.
+                    pass
+
+    def _marks(self, spans: Spans, number: int) -> Marks:
+        """Return the marks of the rows of a shard, which has as many as the manifest says."""
+        count = self.shards[number].rows
+        begin = int(ends_of(self.shards)[number]) - count
+        own = slice(*np.searchsorted(spans[0], [begin, begin + count]))
+        firsts, rows = spans[0][own] - begin, spans[1][own]
+        steps = np.zeros(count + 1, np.int8)
+        steps[firsts] += 1
+        steps[firsts + rows] -= 1
+        marks = np.cumsum(steps[:-1], dtype=np.int8)
+        marks[firsts] = 2
+        return marks
 
     def rows(self, *, pictures: bool) -> Iterator[Rows]:
         """Yield the rows; row groups that contain none of them are not read.
@@ -91,13 +124,14 @@ class Part:
         self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
     ) -> Iterator[Rows]:
         """Yield the rows in some row groups of shard `number`, which is open as `file`."""
-        if self.marks is None:
-            yield from rows_together(file, groups, pictures=pictures)
+        place = (self.place or self.folder) / self.shards[number].path
+        if self.spans is None:
+            yield from rows_together(file, groups, place, pictures=pictures)
             return
-        marks = np.split(self.marks[number], group_ends(file)[:-1])
+        marks = np.split(self._marks(self.spans, number), group_ends(file)[:-1])
         groups = [group for group in groups if marks[group].any()]
         first, kept = 0, np.concatenate([marks[group] for group in groups])
-        for rows in rows_together(file, groups, pictures=pictures):
+        for rows in rows_together(file, groups, place, pictures=pictures):
             end = first + len(rows.actions)
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
@@ -111,24 +145,25 @@ class Part:
         ends = group_ends(file)
         sizes = [file.metadata.row_group(n).total_byte_size for n in range(len(ends) - 1)]
         whole, firsts = np.array(sizes) < FULL, ends[:-1]
+        own = None if self.spans is None else self._marks(self.spans, number)
         if not whole.all():
-            marks = self._begins[number] if self.marks is None else self.marks[number]
+            marks = self._marks(self._all, number) if own is None else own
             whole |= (marks[firsts] != 1) | (marks[firsts - 1] == 0)
         cuts = np.array([0, *(np.flatnonzero(whole) + 1), len(ends)])
-        kept = np.arange(self.shards[number].rows + 1)
-        if self.marks is not None:
-            kept = np.append(0, np.cumsum(self.marks[number] > 0))
-        return [*map(range, cuts[:-1], cuts[1:])], np.diff(kept[np.append(0, ends)[cuts]])
+        bounds = np.append(0, ends)[cuts]
+        if own is not None:
+            bounds = np.append(0, np.cumsum(own > 0))[bounds]
+        return [*map(range, cuts[:-1], cuts[1:])], np.diff(bounds)
 
     @cached_property
-    def _begins(self) -> list[Marks]:
-        """The marks of the whole split, from the table of labyrinths."""
+    def _all(self) -> Spans:
+        """All labyrinths of the split, from the table of labyrinths."""
         assert self.wanted is not None
         whole = replace(self.wanted, labyrinths=None, where=None)
-        return _marks(whole, Manifest.read(whole.locate([])))
+        return whole.spans(Manifest.read(whole.locate([])))
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
-        """Open a shard; a read error inside the block becomes a DatasetError."""
+        """Check and open a shard; see `rows.opened`."""
         shard = self.shards[number]
         if self.place is None or (self.folder / shard.path).is_file():
             return opened(self.folder, shard)
@@ -150,6 +185,10 @@ class Wanted:
         """Return the folder with the manifest and other files; see `locate`."""
         return locate(self.source, self.config, files, self.revision)
 
+    def spans(self, manifest: Manifest) -> Spans:
+        """Return the rows of the requested labyrinths; see `select`."""
+        return select(self.locate([TABLE]), manifest, self.split, self.labyrinths, self.where)
+
 
 def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     """Return a split or a part of it; only the shards that it needs are downloaded from the Hub.
@@ -166,9 +205,9 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
     manifest = Manifest.read(folder)
     part = Part(folder, manifest.of(wanted.split), config=manifest.config, wanted=wanted)
     if some:
-        marks = _marks(wanted, manifest)
-        if not all(each.all() for each in marks):
-            part = replace(part, marks=marks)
+        spans = wanted.spans(manifest)
+        if spans[1].sum() < len(part):
+            part = replace(part, spans=spans)
         if not in_place:
             held = zip(part.shards, part.counts(), strict=True)
             part = replace(part, folder=wanted.locate([s.path for s, rows in held if rows]))
@@ -177,59 +216,6 @@ def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
         place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
         part = replace(part, place=place, wanted=replace(wanted, revision=commit))
     return part
-
-
-def _marks(wanted: Wanted, manifest: Manifest) -> list[Marks]:
-    """Return the marks of each shard of the split, for the requested labyrinths."""
-    labyrinths, where, split = wanted.labyrinths, wanted.where, wanted.split
-    firsts, rows = _rows_of_labyrinths(wanted, manifest)
-    if labyrinths is not None:
-        filtered = "" if where is None else f" where {where}"
-        count = len(firsts)
-        held = f"a whole number from 1 to {count}, as many as split={split} has{filtered}"
-        labyrinths = whole("labyrinths", labyrinths, 1, count, allowed=held)
-    firsts, rows = firsts[:labyrinths], rows[:labyrinths]
-    ends = np.cumsum([shard.rows for shard in manifest.of(split)])
-    if not ((firsts >= 0) & (rows > 0) & (firsts + rows <= ends[-1])).all():
-        raise DatasetError(f"{TABLE} does not match the shards of split={split}")
-    steps = np.zeros(ends[-1] + 1, np.int8)
-    steps[firsts] += 1
-    steps[firsts + rows] -= 1
-    marks = np.cumsum(steps[:-1], dtype=np.int8)
-    marks[firsts] = 2
-    return np.split(marks, ends[:-1])
-
-
-def _rows_of_labyrinths(
-    wanted: Wanted, manifest: Manifest
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the first row and the number of rows of each labyrinth that passes the filter."""
-    import pyarrow as pa
-    import pyarrow.compute as pc
-    import pyarrow.parquet as pq
-
-    split, where = wanted.split, wanted.where
-    if where is not None and not isinstance(where, pc.Expression):
-        raise ValueError(
-            f"where={where!r:.99}: give an expression, such as pyarrow.compute.field('moves') >= 12"
-        )
-    own = pc.field("split") == split
-    filters = own if where is None else own & where
-    with table_file(wanted.locate([TABLE]), manifest) as path:
-        try:
-            table = pq.read_table(path, columns=["first_row", "rows"], filters=filters)
-            firsts, rows = (table[name].cast("int64").to_numpy() for name in table.column_names)
-        except pa.ArrowException as error:
-            if where is None:
-                raise
-            reason = str(error).partition(" in ")[0].partition("\n")[0]
-            columns = ", ".join(column.name for column in TABLE_COLUMNS)
-            raise ValueError(
-                f"where={where}: {reason}; the columns of {TABLE} are {columns}"
-            ) from error
-    if where is not None and not len(firsts):
-        raise ValueError(f"where={where}: split={split} has no such labyrinth")
-    return firsts, rows
 
 
 def locate(
@@ -252,24 +238,49 @@ def derived_from(parents: NDArray[np.int64]) -> Filter:
     return field("parent_id").isin([f"{each:016x}" for each in parents.tolist()])
 
 
-def require_unchanged(source: str | Path, config: str, fingerprint: str) -> None:
-    """Raise a DatasetError if a folder's dataset no longer has this fingerprint."""
+def require_unchanged(
+    source: str | Path, config: str, fingerprint: str, revision: str | None = None
+) -> None:
+    """Raise a DatasetError if a dataset no longer has this fingerprint.
+
+    A job that reads several splits or shards calls this after it has opened the last. Of the Hub,
+    the newest commit counts that this machine has met; no request is made.
+    """
     folder = folder_at(source) / config
-    if folder.is_dir() and Manifest.read(folder).fingerprint != fingerprint:
-        raise DatasetError(f"{folder} was replaced or grew while it was read: run this again")
+    if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
+        from huggingface_hub import snapshot_download
+
+        from labyrinth_core.data.hub import UNAVAILABLE
+
+        try:
+            found = snapshot_download(
+                str(source),
+                repo_type="dataset",
+                revision=revision,
+                allow_patterns=[f"{config}/{MANIFEST}"],
+                local_files_only=True,
+            )
+        except UNAVAILABLE:
+            return
+        folder = Path(found, config)
+    if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
+        raise replaced(folder)
 
 
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
     """Return the folder with a dataset's manifest, or None for an id on the Hub.
 
     Raises:
-        ValueError: A revision is given for a folder, or `config` is not a string.
+        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
         DatasetError: The source is neither a folder nor an id, or has no such config.
     """
     if not isinstance(config, str):
         raise ValueError(f"config={config!r}: give a name, such as '5x5'")
     try:
         folder = folder_at(source)
+    except TypeError as error:
+        told = "give a folder, or an id such as user/labyrinth"
+        raise ValueError(f"source={source!r:.60}: {told}") from error
     except ValueError as error:
         raise DatasetError(str(error)) from error
     if folder.is_dir():
@@ -290,6 +301,7 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
 
 def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
     from huggingface_hub import HfApi, snapshot_download
+    from huggingface_hub.errors import RevisionNotFoundError
 
     from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
 
@@ -302,10 +314,26 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
         if _has_episodes(Path(snapshot, config)):
             return Path(snapshot) / config
         there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+    except RevisionNotFoundError as error:
+        raise DatasetError(_no_revision(source, revision)) from error
     except UNAVAILABLE as error:
         raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
     manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
     raise _no_config(source, config, manifests)
+
+
+def _no_revision(source: str, revision: str | None) -> str:
+    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import UNAVAILABLE
+
+    message = f"{source} has no revision {revision}"
+    try:
+        refs = HfApi().list_repo_refs(source, repo_type="dataset")
+    except UNAVAILABLE:
+        return message
+    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
 
 
 def why_unavailable(source: str, error: Exception) -> str:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass
+from math import fsum
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -42,7 +43,7 @@ class WholeEpisodes(NamedTuple):
         for first, last in zip(self.firsts.tolist(), self.lasts.tolist(), strict=True):
             text = self.rows.texts[self.rows.info[first]]
             rewards = self.rows.rewards[first:last].tolist()
-            yield text, self.rows.actions[first:last].tolist(), sum(rewards)
+            yield text, self.rows.actions[first:last].tolist(), fsum(rewards)
 
     def take(self, episodes: slice | NDArray[np.bool_]) -> WholeEpisodes:
         """Return some of the episodes."""

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 from labyrinth_core.world.dynamics import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
+    from pyarrow.parquet import ParquetFile
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""
@@ -104,3 +106,24 @@ def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
         [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
         metadata={"huggingface": json.dumps(features)},
     )
+
+
+def open_encoded(source: Path | BinaryIO, columns: Iterable[str], **options: Any) -> ParquetFile:
+    """Open a Parquet file and read some columns, if it has them, dictionary-encoded.
+
+    A few bytes of a file may repeat a value of megabytes in thousands of rows. Encoded, each value
+    is in memory once.
+
+    Raises:
+        OSError, ArrowException: The file cannot be read.
+    """
+    import pyarrow.parquet as pq
+
+    with pq.ParquetFile(source) as file:
+        footer = file.metadata
+    there = set()
+    if footer.num_row_groups:  # Not from `footer.schema`, which makes a cycle of references.
+        group = footer.row_group(0)
+        there = {group.column(number).path_in_schema for number in range(group.num_columns)}
+    encoded = [name for name in columns if name in there]
+    return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)

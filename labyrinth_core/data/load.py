@@ -133,6 +133,11 @@ class Transitions:
         """Return one transition as views of `frames`, or a batch as new arrays."""
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
+            if rows.ndim != 1:  # As for True, None and arrays of two axes.
+                given = " ".join(repr(index).split())
+                raise IndexError(
+                    f"index={given:.60}: give a number, a slice, or one axis of numbers or booleans"
+                )
             return TransitionBatch(
                 self.frames.take(rows, axis=0),
                 np.array(self.actions[index]),
@@ -251,13 +256,25 @@ def _cached(
 
 
 def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
-    shape = len(part), spec.image_size, spec.image_size, 3
+    part.require_sizes()
+    part.require_sizes()
     # Making pictures part by part and concatenating them would take twice as long.
-    pictures = np.empty(shape, np.uint8) if spec.observation == "image" else None
+    pictures = _frames(len(part), spec.image_size) if spec.observation == "image" else None
     frames, columns = zip(*_observed(part, spec, pictures), strict=True)
     return Transitions(
         np.concatenate(frames) if pictures is None else pictures, **joined_columns(columns)
     )
+
+
+def _frames(count: int, size: int) -> NDArray[np.uint8]:
+    """Return memory for pictures; raise DatasetError if there is not enough."""
+    try:
+        return np.empty((count, size, size, 3), np.uint8)
+    except (MemoryError, ValueError) as error:  # ValueError: more than an address can hold.
+        raise DatasetError(
+            f"{count:,} pictures of {size} x {size} pixels take {3 * count * size**2 / 1e9:,.1f} "
+            "GB, more than there is memory: give a smaller image_size, cache_dir=, or labyrinths="
+        ) from error
 
 
 def _observed(

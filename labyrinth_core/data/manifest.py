@@ -1,6 +1,12 @@
 """The manifest, which describes a finished dataset, and the table of labyrinths beside it.
 
 The manifest is written last, so a folder with a manifest is complete.
+
+What a file says of itself is compared with what was asked for when it is opened, before memory is
+taken for it. `Manifest.read` compares the dataset's name with its folder, and the rows of shards
+with their bytes; `table_file` and `rows.opened` compare a file's hash, size and footer with the
+manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that read
+several splits end with `dataset.require_unchanged`.
 """
 
 from __future__ import annotations
@@ -8,17 +14,22 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from pathlib import Path
-from typing import Any, get_type_hints
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import AGAIN, MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.format import TABLE_COLUMNS, open_encoded
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_json, write_text
+from labyrinth_core.language.source_text import printable
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    import pyarrow.parquet
 
 MANIFEST = "manifest.json"
 ANALYSIS = "analysis.json"
@@ -31,6 +42,10 @@ On the Hub the table is a config of its own, such as `5x5-labyrinths`.
 """
 MOST = 10**15
 """The largest count that a manifest may hold."""
+MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
+"""The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
+REBUILD = "build it again with overwrite=true, or download it again"
+"""Advice for a dataset whose manifest is of no use."""
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and its format if structures come from several chunks of
 candidates."""
@@ -64,6 +79,10 @@ class Shard:
             rf"{shard.split}-\d{{5,}}-of-\d{{5,}}\.parquet", shard.path, re.ASCII
         ):
             raise ValueError(f"split {shard.split!r} cannot have a shard {shard.path!r}")
+        # No memory is taken for rows that the file cannot hold: a row takes 12 bytes at least, the
+        # pictures of a random policy at 2x2.
+        if shard.rows > shard.bytes:
+            raise ValueError(f"{shard.path} has {shard.rows} rows in {shard.bytes} bytes")
         return shard
 
 
@@ -79,6 +98,10 @@ class TableFile:
     def from_json(cls, values: Mapping[str, Any]) -> TableFile:
         """Return the table that `asdict` described; raise ValueError for anything else."""
         return cls(**_counted(values, cls, "a table"))
+
+
+_TABLE_KINDS = {column.name: column.feature["dtype"] for column in TABLE_COLUMNS}
+_TEXTS = [name for name, kind in _TABLE_KINDS.items() if kind == "string"]
 
 
 @cache
@@ -152,50 +175,168 @@ class Manifest:
         write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
 
     @classmethod
-    def read(cls, folder: AnyPath, *, has_table: bool = True) -> Manifest:
+    def read(cls, folder: AnyPath, *, renamed: bool = False, companion: str = "") -> Manifest:
         """Return the manifest of a folder.
 
         Args:
-            folder: The folder.
-            has_table: Whether the folder has a table of labyrinths, as all but companions do.
+            folder: The folder of a dataset, or of a companion of one.
+            renamed: Whether the folder may have another name than the dataset in it.
+            companion: The suffix of the companion's name; empty for a dataset. A companion has no
+                table of labyrinths.
 
         Raises:
-            DatasetError: The manifest is missing or malformed.
+            DatasetError: The manifest is missing or malformed, or of a dataset of another name.
         """
         path = folder / MANIFEST
         try:
             content = read_json(path)
-            if content["format"] not in (FORMAT, FORMAT_OF_CHUNKS):
-                raise ValueError(
-                    f"its format is {content['format']}, not {FORMAT} or {FORMAT_OF_CHUNKS}"
+            form = content["format"]
+            if form in (FORMAT, FORMAT_OF_CHUNKS):
+                found = cls(
+                    config=DatasetConfig.from_json(content["config"]),
+                    versions={str(key): str(value) for key, value in content["versions"].items()},
+                    shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
+                    labyrinths=None if companion else TableFile.from_json(content["labyrinths"]),
+                    format=form,
                 )
-            return cls(
-                config=DatasetConfig.from_json(content["config"]),
-                versions={str(key): str(value) for key, value in content["versions"].items()},
-                shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
-                labyrinths=TableFile.from_json(content["labyrinths"]) if has_table else None,
-                format=content["format"],
-            )
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
-        except (OSError, *MALFORMED) as error:
-            raise DatasetError(f"{path} cannot be read: {error!r:.500}") from error
+        except OSError as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        except MALFORMED as error:
+            # Not chained: the message of `error` may hold control characters from the file.
+            raise DatasetError(
+                f"{path} cannot be read: {_why_malformed(error)}; {REBUILD}"
+            ) from None
+        if form not in (FORMAT, FORMAT_OF_CHUNKS):
+            raise DatasetError(
+                f"{path} has format {form!r:.60}, and this version reads {FORMAT} and "
+                f"{FORMAT_OF_CHUNKS}: use the version that built the dataset, or {REBUILD}"
+            )
+        named = f"{found.config.name}-{companion}" if companion else found.config.name
+        if named != folder.name and not renamed:
+            raise DatasetError(
+                f"{folder} holds the dataset {named}, not {folder.name}: give the folder the name "
+                f"{named}, or {REBUILD}"
+            )
+        return found
+
+
+def _why_malformed(error: Exception) -> str:
+    """Return why a manifest is malformed, in at most 200 printable characters."""
+    if isinstance(error, KeyError):
+        return f"it has no {error!s:.60}"
+    if isinstance(error, ValueError | RecursionError):
+        return printable(one_line(error))[:200]
+    return "it is not the manifest of a dataset"
+
+
+def replaced(folder: object) -> DatasetError:
+    """Return the error for a dataset that was replaced while a job read it."""
+    return DatasetError(f"{folder} was replaced or grew while it was read: run this again")
 
 
 @contextmanager
-def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[Path]:
-    """Yield a local path of the table of labyrinths, after checking its hash.
+def unless_replaced(folder: AnyPath, file: Shard | TableFile) -> Iterator[None]:
+    """Say so if a DatasetError inside the block comes from a dataset that was replaced.
+
+    Args:
+        folder: The folder of the dataset.
+        file: The file that is read, from the manifest that was read before.
+    """
+    try:
+        yield
+    except DatasetError as error:
+        if not _lists(folder, file):
+            raise replaced(folder) from error
+        raise
+
+
+def _lists(folder: AnyPath, file: Shard | TableFile) -> bool:
+    """Return whether the manifest in a folder lists a file; also true if it is damaged."""
+    try:
+        manifest = Manifest.read(folder, renamed=True)
+    except DatasetError:
+        return (folder / MANIFEST).is_file()
+    return file in (*manifest.shards, manifest.labyrinths)
+
+
+@contextmanager
+def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
+    """Check and open the table of labyrinths, whose texts are read dictionary-encoded.
 
     Raises:
         DatasetError: The table is missing or damaged, or the caller cannot read it.
     """
-    import pyarrow as pa
-
     path = folder / TABLE
-    try:
-        with local_copy(path) as local:
-            if file_sha256(local) != manifest.table.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's")
-            yield local
-    except (OSError, pa.ArrowException) as error:
-        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+    with unless_replaced(folder, manifest.table), ExitStack() as stack:
+        with readable(path):
+            local = stack.enter_context(local_copy(path))
+            digest, size = file_sha256(local), local.stat().st_size
+        if digest != manifest.table.sha256:
+            raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
+        with readable(path):
+            file = stack.enter_context(open_encoded(local, _TEXTS))
+        if problem := table_problem(file, manifest, size):
+            raise DatasetError(f"{path} is damaged: {problem}")
+        yield file
+
+
+def table_problem(file: pyarrow.parquet.ParquetFile, manifest: Manifest, size: int) -> str | None:
+    """Return why a file cannot be the table of a dataset, before any row is read; None if it can.
+
+    Args:
+        file: The file.
+        manifest: The manifest of the dataset.
+        size: The size of the file in bytes.
+    """
+    kinds = {
+        field.name: str(getattr(field.type, "value_type", field.type))
+        for field in file.schema_arrow
+    }
+    if kinds != _TABLE_KINDS:
+        return "its columns are not those of a table of labyrinths"
+    rows, footer = sum(shard.labyrinths for shard in manifest.shards), file.metadata
+    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+    if not rows == footer.num_rows == sum(group.num_rows for group in groups):
+        return f"{footer.num_rows} rows, but the manifest has {rows} labyrinths"
+    if rows > size:  # The ids alone take more.
+        return f"{rows} rows in {size} bytes"
+    if any(group.total_byte_size > MOST_TABLE_BYTES * (group.num_rows + 99) for group in groups):
+        return f"a row group has more than {MOST_TABLE_BYTES} bytes a row"
+    return None
+
+
+def table_groups(
+    folder: AnyPath, manifest: Manifest, columns: Sequence[str] | None = None
+) -> Iterator[pa.Table]:
+    """Yield the row groups of the table of labyrinths, all columns or some.
+
+    Raises:
+        DatasetError: The table is missing or damaged, or the caller cannot read it.
+    """
+    with table_file(folder, manifest) as file:
+        for group in range(file.num_row_groups):
+            with readable(folder / TABLE):
+                table = file.read_row_group(group, columns)
+            yield decoded(table)
+
+
+def decoded(table: pa.Table) -> pa.Table:
+    """Return rows of the table of labyrinths with plain texts; raise DatasetError if one is long.
+
+    A few bytes may repeat a text of megabytes in every row.
+    """
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    for place, name in enumerate(table.column_names):
+        column = table[name]
+        if pa.types.is_dictionary(column.type):
+            lengths = (
+                pc.max(pc.binary_length(chunk.dictionary)).as_py() for chunk in column.chunks
+            )
+            if max((length or 0 for length in lengths), default=0) > MOST_TEXT:
+                raise DatasetError(f"{TABLE} {name}: a text has more than {MOST_TEXT} bytes")
+            table = table.set_column(place, name, column.cast(pa.string()))
+    return table

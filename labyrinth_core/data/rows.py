@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import os
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
@@ -12,9 +13,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import GROUP_BYTES
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
+from labyrinth_core.data.format import GROUP_BYTES, open_encoded
+from labyrinth_core.data.manifest import Shard, unless_replaced
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 
 if TYPE_CHECKING:
@@ -22,16 +23,23 @@ if TYPE_CHECKING:
     import pyarrow.parquet
 
 BATCH_ROWS = 4096
-"""The rows read at once; a hostile file may repeat a large picture in many rows."""
+"""The rows read at once."""
 
 MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
-"""The most rows and bytes of a row group; every picture has at least 512 bytes."""
+"""The most rows and uncompressed bytes of a row group; every picture has at least 512 bytes."""
+
+MOST_TEXTS = 16 << 20
+"""The most uncompressed bytes of `info` in a row group: ten times those at 300x300."""
+
+ENCODED = ("info", "obs.bytes", "obs.path")
+"""The columns that are read dictionary-encoded; see `open_encoded`."""
 
 TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 """Column -> type of its values; pictures are left out."""
 
 TOGETHER = 64
-"""Row groups read together when pictures are not: parsing many texts at once is faster."""
+"""Row groups read together when pictures are not: parsing many texts at once is faster. Fewer if
+their texts exceed `MOST_TEXTS`."""
 
 
 class Rows(NamedTuple):
@@ -77,17 +85,8 @@ def joined(blocks: Sequence[Rows]) -> Rows:
 
 
 def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
-    """Open a Parquet file; `info` is read dictionary-encoded, as many rows share a text.
-
-    Raises:
-        OSError, ArrowException: The file cannot be read.
-    """
-    import pyarrow.parquet as pq
-
-    with pq.ParquetFile(path) as file:
-        names, footer = file.schema_arrow.names, file.metadata
-    encoded = ["info"] if "info" in names else []
-    return pq.ParquetFile(path, metadata=footer, read_dictionary=encoded)
+    """Open a shard; `open_encoded` explains how, and its errors."""
+    return open_encoded(path, ENCODED)
 
 
 def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
@@ -100,13 +99,21 @@ def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
         rows: The number of rows in the manifest.
     """
     footer = file.metadata
-    if footer.num_rows != rows:
+    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+    if not rows == footer.num_rows == sum(group.num_rows for group in groups):
         return f"rows {footer.num_rows}, but the manifest says {rows}"
-    for group in map(footer.row_group, range(footer.num_row_groups)):
+    for group in groups:
         if group.num_rows > MOST_ROWS:
             return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
         if group.total_byte_size > MOST_BYTES:
             return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
+        if group.total_byte_size <= MOST_TEXTS:
+            continue
+        columns = map(group.column, range(group.num_columns))
+        texts = (column for column in columns if column.path_in_schema == "info")
+        size = sum(column.total_uncompressed_size for column in texts)
+        if size > MOST_TEXTS:
+            return f"a row group has {size} bytes of texts, more than {MOST_TEXTS}"
     return None
 
 
@@ -117,47 +124,95 @@ def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
 
 
 def rows_together(
-    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], *, pictures: bool
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], place: object, *, pictures: bool
 ) -> Iterator[Rows]:
-    """Yield the rows of row groups; without pictures, `TOGETHER` groups are read at once."""
-    import pyarrow as pa
+    """Yield the rows of row groups; without pictures, `TOGETHER` groups are read at once.
 
+    Args:
+        file: The open shard.
+        groups: The numbers of the row groups.
+        place: What to name in the message of a DatasetError.
+        pictures: Whether to read the pictures.
+    """
     together = 1 if pictures else TOGETHER
     columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
     batches = chain.from_iterable(
         file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
         for first in range(0, len(groups), together)
     )
-    # `map` frees each batch before the next is read, which a loop variable would not.
-    tables = map(pa.Table.from_batches, map(list, zip(batches, strict=True)))
-    blocks = map(partial(rows_of_table, pictures=pictures), tables)
-    while some := list(islice(blocks, together)):
+    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), _read(batches, place))
+    while some := list(_some_of(blocks, together)):
         yield joined(some)
+
+
+def _read(batches: Iterator[pa.RecordBatch], place: object) -> Iterator[pa.RecordBatch]:
+    """Yield batches; a read error becomes a DatasetError that names `place`."""
+    while True:
+        with readable(place):
+            found = list(islice(batches, 1))
+        if not found:
+            return
+        yield found.pop()  # No variable holds the batch, so it is freed before the next is read.
+
+
+def _some_of(blocks: Iterable[Rows], most: int) -> Iterator[Rows]:
+    """Yield at most `most` blocks, and none after those whose texts exceed `MOST_TEXTS`."""
+    size = 0
+    for block in islice(blocks, most):
+        yield block
+        size += sum(map(len, block.texts))
+        if size > MOST_TEXTS:
+            return
 
 
 @contextmanager
 def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Check and open a shard; a read error inside the block becomes a DatasetError."""
+    """Check and open a shard.
+
+    Raises:
+        DatasetError: The shard is missing or damaged, or was replaced after its manifest was read.
+    """
     path = folder / shard.path
-    with readable(path), local_copy(path) as local:
+    with unless_replaced(folder, shard), ExitStack() as stack:
+        with readable(path):
+            local = stack.enter_context(local_copy(path))
+            before = _identity(local)
+        _check_size(before[1], shard, path)
         check_file(local, shard, path)
-        with open_shard(local) as file:
-            check_footer(file, shard, path)
-            yield file
+        with readable(path):
+            file = stack.enter_context(open_shard(local))
+            after = _identity(local)
+        if after != before:
+            raise DatasetError(f"{path} has changed while it was opened: run this again")
+        check_footer(file, shard, path)
+        yield file
+
+
+def _identity(path: Path) -> tuple[int, int, int]:
+    """Return what changes if another file is put in the place of a file."""
+    status = path.stat()
+    return status.st_ino, status.st_size, status.st_mtime_ns
 
 
 @contextmanager
 def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Open a remote shard: check its footer, and download only the byte ranges that are read.
-
-    A read error inside the block becomes a DatasetError.
-    """
-    import pyarrow.parquet as pq
-
-    with readable(path), path.open_ranges() as ranges:
-        file = pq.ParquetFile(ranges, pre_buffer=True, read_dictionary=["info"])
+    """Open a remote shard: check its footer, and download only the byte ranges that are read."""
+    with ExitStack() as stack:
+        with readable(path):
+            ranges = stack.enter_context(path.open_ranges())
+            size = ranges.seek(0, os.SEEK_END)
+        _check_size(size, shard, path)
+        with readable(path):
+            file = open_encoded(ranges, ENCODED, pre_buffer=True)
         check_footer(file, shard, path)
         yield file
+
+
+def _check_size(size: int, shard: Shard, path: AnyPath) -> None:
+    if size != shard.bytes:
+        raise DatasetError(
+            f"{path} is damaged: it has {size} bytes, and the manifest says {shard.bytes}; {AGAIN}"
+        )
 
 
 def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath) -> None:
@@ -169,30 +224,22 @@ def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath)
 
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
     """Raise DatasetError if `file`, the shard at `path` or a copy of it, has the wrong SHA-256."""
-    if file_sha256(file) != shard.sha256:
+    with readable(path):
+        digest = file_sha256(file)
+    if digest != shard.sha256:
         raise DatasetError(
-            f"{path} is damaged: its sha256 is not the manifest's; "
-            "delete it, and build or download it again"
+            f"{path} is damaged: its sha256 is not the manifest's; delete it, and {AGAIN}"
         )
 
 
-@contextmanager
-def readable(place: object) -> Iterator[None]:
-    """Turn a read error inside the block into a DatasetError that names `place`."""
+def rows_of_batch(batch: pa.RecordBatch, place: object, *, pictures: bool) -> Rows:
+    """Return the rows of a batch of a shard; see `rows_of_table`."""
     import pyarrow as pa
 
     try:
-        yield
-    except (MemoryError, GeneratorExit):
-        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
-        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
-        raise
-    except Exception as error:
-        from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
-
-        if isinstance(error, (OSError, ValueError, LookupError, pa.ArrowException, HTTPError)):
-            raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
-        raise
+        return rows_of_table(pa.Table.from_batches([batch]), pictures=pictures)
+    except (pa.ArrowException, UnicodeDecodeError) as error:
+        raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
 
 
 def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
@@ -231,11 +278,12 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
     numbers = [chunk.indices.to_numpy() for chunk in info.chunks]
     pngs = None
     if pictures:
-        found = [None] * len(table)
-        if "obs" in table.column_names:
-            found = pc.struct_field(table["obs"], "bytes").cast("binary").to_pylist()
         pngs = np.empty(len(table), object)
-        pngs[:] = found
+        if "obs" in table.column_names:
+            obs = pc.struct_field(table["obs"], "bytes").cast(
+                pa.dictionary(pa.int32(), pa.binary())
+            )
+            pngs[:] = [value for chunk in obs.chunks for value in values_of(chunk)]
     return Rows(
         columns["actions"].to_numpy().astype(np.int64),
         columns["rewards"].to_numpy().astype(np.float32),
@@ -244,3 +292,14 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         texts,
         pngs,
     )
+
+
+def values_of(column: pa.Array) -> list[Any]:
+    """Return the values of a column; equal values of a dictionary are one object."""
+    import pyarrow as pa
+
+    if not pa.types.is_dictionary(column.type):
+        values: list[Any] = column.to_pylist()
+        return values
+    distinct = [*column.dictionary.to_pylist(), None]
+    return [distinct[-1 if index is None else index] for index in column.indices.to_pylist()]

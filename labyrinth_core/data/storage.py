@@ -2,8 +2,8 @@
 
 A local folder is a `pathlib.Path`. A URL that fsspec knows, such as `s3://bucket/data`, is a
 `RemotePath`, which has the methods of `Path` that this project needs. Writes are atomic: a local
-file is renamed into place, a remote file is a single upload. Symbolic links are followed, and only
-regular files are replaced, never a device or a folder.
+file is renamed into place, a remote file is a single upload. A symbolic link is replaced itself, so
+its target never changes; a device or a folder is never replaced.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import json
 import os
 import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
@@ -163,16 +163,25 @@ class RemotePath:
 AnyPath = Path | RemotePath
 
 
-def file_at(path: Path) -> Path:
-    """Return the path to write to: `path`, or the target if it is a symbolic link.
+def replaceable(path: Path) -> Path:
+    """Return a path whose file may be replaced, or that does not exist; a link is replaced itself.
 
     Raises:
-        FileExistsError: The path exists and is not a regular file.
+        FileExistsError: The path is a folder or a device.
     """
-    if path.exists() and not path.is_file():
+    if not path.is_symlink() and path.exists() and not path.is_file():
         reason = "is not a regular file, so it is not replaced"
         raise FileExistsError(errno.EEXIST, reason, str(path))
-    return Path(os.path.realpath(path)) if path.is_symlink() else path
+    return path
+
+
+def named_file(path: Path) -> Path:
+    """Return the file that a user names for output: a link leads to its target, which is written.
+
+    Raises:
+        FileExistsError: The path leads to a folder or a device.
+    """
+    return replaceable(Path(os.path.realpath(path)) if path.is_symlink() else path)
 
 
 def temporary_beside(path: Path, suffix: str = ".tmp") -> Path:
@@ -183,12 +192,18 @@ def temporary_beside(path: Path, suffix: str = ".tmp") -> Path:
     return path.with_name(_sealed(f".{path.name}.{uuid4().hex[:12]}", suffix))
 
 
-def temporaries(path: Path, suffix: str = ".tmp") -> list[Path]:
-    """Return the existing paths named by `temporary_beside`, left by killed processes."""
+def temporaries(folder: Path, names: Collection[str], suffix: str = ".tmp") -> list[Path]:
+    """Return the existing paths named by `temporary_beside`, left by killed processes.
+
+    Args:
+        folder: The folder.
+        names: The names in it whose temporary paths to return.
+        suffix: As for `temporary_beside`.
+    """
     found = []
-    for each in path.parent.iterdir() if path.parent.is_dir() else ():
+    for each in folder.iterdir() if folder.is_dir() else ():
         name = each.name.removesuffix(suffix).rpartition(".")[0]
-        if name.rpartition(".")[0] == f".{path.name}" and each.name == _sealed(name, suffix):
+        if name.rpartition(".")[0][1:] in names and each.name == _sealed(name, suffix):
             found.append(each)
     return found
 
@@ -215,13 +230,12 @@ def replacing(path: Path) -> Iterator[Path]:
     Raises:
         OSError: The file cannot be written, or something that is not a regular file is there.
     """
-    target = file_at(path)
     # Another process that makes the same file uses another name.
-    temporary = temporary_beside(target)
+    temporary = temporary_beside(replaceable(path))
     try:
         with naming(path, temporary):
             yield temporary
-            temporary.replace(target)
+            temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -40,6 +40,9 @@ BUFFER = 4096
 TOGETHER_BYTES = 8 << 20
 """The uncompressed bytes of row groups with pictures that are read at once."""
 
+MOST_EPOCH = 2**63 - 1
+"""The last epoch; workers share its number as a 64-bit integer."""
+
 Item = TypeVar("Item", covariant=True)
 
 
@@ -82,6 +85,145 @@ def _share_of_ranks(rank: Any, ranks: Any) -> tuple[int, int]:
     return whole("RANK", rank, 0, ranks - 1, allowed=allowed), ranks
 
 
+@dataclass(frozen=True, eq=False)
+class Reading(Generic[Item]):
+    """What a stream reads and in which order, without the place that it has come to.
+
+    An iteration refers to this and not to its stream, which refers to the iteration: so a stream
+    that is dropped closes its file at once, not when garbage is collected.
+    """
+
+    part: Part
+    spec: ObservationSpec
+    items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]]
+    order: Order
+
+    def start(self, epoch: int) -> dict[str, Any]:
+        """Return the position before the first item of an epoch."""
+        return {"stream": self._name(), "epoch": epoch, "shard": 0, "part": 0, "item": 0}
+
+    def check(self, at: Any) -> None:
+        """Raise ValueError if `at` is no position in this stream."""
+        start = self.start(0)
+        is_state = isinstance(at, Mapping) and at.keys() == start.keys()
+        numbers = [at[name] for name in start if name != "stream"] if is_state else [None]
+        if not all(type(number) is int and 0 <= number <= MOST_EPOCH for number in numbers):
+            raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
+        if at["stream"] != start["stream"]:
+            raise ValueError(
+                "load_state_dict: the state is of another stream: give the same rows, observation, "
+                "shuffle, seed, world_size and number of workers, and each worker its own state"
+            )
+        shards = len(self.part.shards)
+        self._require(
+            at, at["shard"] < shards or (at["shard"], at["part"], at["item"]) == (shards, 0, 0)
+        )
+
+    def _require(self, at: Mapping[str, Any], is_there: bool) -> None:
+        """Raise ValueError if the position of a loaded state is not in the stream."""
+        if not is_there:
+            numbers = ", ".join(f"{name}={at[name]}" for name in ("shard", "part", "item"))
+            raise ValueError(f"load_state_dict: {numbers} is past the end of the stream")
+
+    def _name(self) -> str:
+        """Return a hash of everything that determines the order and this process's share."""
+        order = self.order.buffer, self.order.seed, *self._share()
+        key = self.part.key(), self.spec.decodes, self.items_of.__name__, order
+        return hashlib.sha256(repr(key).encode()).hexdigest()[:16]
+
+    def _share(self) -> tuple[int, int]:
+        """Return this process's index among the workers of all ranks, and their number."""
+        torch_data = sys.modules.get("torch.utils.data")
+        worker = None if torch_data is None else torch_data.get_worker_info()
+        number, workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
+        return self.order.rank * workers + number, self.order.ranks * workers
+
+    def _random(self, at: Mapping[str, Any], *more: int) -> np.random.Generator:
+        return np.random.default_rng([self.order.seed, at["epoch"], *more])
+
+    def _permutation(self, count: int, at: Mapping[str, Any], *more: int) -> NDArray[np.int64]:
+        """Return the order of `count` things in an epoch, random if the stream is shuffled."""
+        if not self.order.buffer:
+            return np.arange(count)
+        return self._random(at, *more).permutation(count)
+
+    def items(self, at: dict[str, Any]) -> Iterator[Item]:
+        """Yield items from the position `at` on, and update it in place."""
+        part, (share, shares) = self.part, self._share()
+        rows = part.counts()
+        total = int(rows.sum())
+        own = range(total * share // shares, total * (share + 1) // shares)
+        order = self._permutation(len(rows), at)
+        ends = np.cumsum(rows[order]).tolist()
+        for place, number in islice(enumerate(order.tolist()), at["shard"], None):
+            first = ends[place] - int(rows[number])
+            count = 0
+            if first < own.stop and ends[place] > own.start:
+                with part.opened(number) as file:
+                    parts = self._parts(file, number, first, own, at)
+                    count = len(parts)
+                    for groups in parts[at["part"] :]:
+                        # No variable holds these items, so they are freed before others are read.
+                        for item in self._after(self._read(file, number, groups, at), at):
+                            at["item"] += 1
+                            yield item
+                        at.update(part=at["part"] + 1, item=0)
+            self._require(at, at["part"] == count and not at["item"])
+            at.update(shard=place + 1, part=0, item=0)
+
+    def _after(self, items: Iterator[Item], at: Mapping[str, Any]) -> Iterator[Item]:
+        """Return the items after the first `at["item"]`, which were taken before."""
+        taken = sum(1 for _ in islice(items, at["item"]))
+        self._require(at, taken == at["item"])
+        return items
+
+    def _parts(
+        self, file: ParquetFile, number: int, before: int, own: range, at: Mapping[str, Any]
+    ) -> list[list[int]]:
+        """Return this process's row groups of a shard, in lists that are read together.
+
+        Args:
+            file: The shard.
+            number: The index of the shard in the split.
+            before: The number of rows before the shard in the order of the epoch.
+            own: This process's rows, as a range in that order.
+            at: The position, which includes the epoch.
+        """
+        units, rows = self.part.units(file, number)
+        order = self._permutation(len(units), at, number)
+        # A unit belongs to the process that owns its middle row.
+        middle = before + np.cumsum(rows[order]) - (rows[order] + 1) // 2
+        mine = (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
+        cost, limit = rows.tolist(), self.order.buffer
+        if not limit and self.spec.decodes:
+            sizes = [file.metadata.row_group(n).total_byte_size for n in range(file.num_row_groups)]
+            cost, limit = [sum(sizes[unit.start : unit.stop]) for unit in units], TOGETHER_BYTES
+        elif not limit:
+            cost, limit = [len(unit) for unit in units], TOGETHER
+        parts: list[list[int]] = []
+        held = limit
+        for unit in order[mine].tolist():
+            if held + cost[unit] > limit:
+                parts.append([])
+                held = 0
+            parts[-1] += units[unit]
+            held += cost[unit]
+        return parts
+
+    def _read(
+        self, file: ParquetFile, number: int, groups: list[int], at: Mapping[str, Any]
+    ) -> Iterator[Item]:
+        """Return the items of row groups, in random order if the stream is shuffled."""
+        spec, part = self.spec, self.part
+        blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
+        items = self.items_of(episodes_of(blocks, spec, part.config))
+        if not self.order.buffer:
+            return items
+        every = [*items]
+        shuffled = self._random(at, number, 1 + groups[0]).permutation(len(every))
+        return map(every.__getitem__, shuffled.tolist())
+
+
 class Stream(Generic[Item]):
     """Episodes or transitions of a split; each iteration is an epoch.
 
@@ -95,7 +237,7 @@ class Stream(Generic[Item]):
         items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
         order: Order,
     ) -> None:
-        self._part, self._spec, self._items_of, self._order = part, spec, items_of, order
+        self._reading = Reading(part, spec, items_of, order)
         self._epoch: Any = np.zeros((), np.int64)
         self._at: dict[str, Any] | None = None
         self._loaded = False
@@ -109,9 +251,9 @@ class Stream(Generic[Item]):
     def __iter__(self) -> Iterator[Item]:
         """Begin the epoch, or resume where `load_state_dict` says."""
         at = self.state_dict() if self._loaded else self._start()
-        self._check(at)
+        self._reading.check(at)
         self._at, self._loaded = at, False
-        return self._items(at)
+        return self._reading.items(at)
 
     def __next__(self) -> Item:
         """Return the next item; the first call begins the iteration."""
@@ -131,8 +273,14 @@ class Stream(Generic[Item]):
         return True
 
     def __getstate__(self) -> dict[str, Any]:
-        """Return the attributes to pickle, without the running iteration."""
-        return vars(self) | {"_running": None}
+        """Return the attributes to pickle or copy: a copy begins, or resumes where a state says."""
+        return vars(self) | {"_running": None, "_at": self._at if self._loaded else None}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        """Set the attributes; a deep copy's workers see its epoch, too."""
+        vars(self).update(state)
+        if not isinstance(self._epoch, np.ndarray):
+            self._epoch.share_memory_()
 
     def close(self) -> None:
         """End the iteration that `next` began."""
@@ -141,12 +289,14 @@ class Stream(Generic[Item]):
     def set_epoch(self, epoch: int) -> None:
         """Set the epoch, on which the order of a shuffled stream's next iteration depends.
 
+        If it changes, `next` begins anew.
+
         Raises:
-            ValueError: The epoch is not a whole number from 0 on.
+            ValueError: The epoch is not a whole number from 0 to 2**63 - 1.
         """
-        epoch = whole("epoch", epoch, 0)
+        epoch = whole("epoch", epoch, 0, MOST_EPOCH)
         if epoch != int(self._epoch):
-            self._at, self._loaded = None, False
+            self._at, self._loaded, self._running = None, False, None
         self._epoch[...] = epoch
 
     def state_dict(self) -> dict[str, Any]:
@@ -154,117 +304,18 @@ class Stream(Generic[Item]):
         return dict(self._at or self._start())
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Resume the next iteration after the item at which `state_dict` was called.
+        """Resume after the item at which `state_dict` was called, with the next `iter` or `next`.
 
         Raises:
-            ValueError: The state is malformed, or of a stream with other rows, order or share.
+            ValueError: The state is malformed, or of a stream with other rows, order or share. A
+                position within a shard that does not exist is found when the iteration begins.
         """
-        at = dict(state)
-        self._check(at)
-        self._epoch[...] = at["epoch"]
-        self._at, self._loaded = at, True
+        self._reading.check(state)
+        self._epoch[...] = state["epoch"]
+        self._at, self._loaded, self._running = dict(state), True, None
 
     def _start(self) -> dict[str, Any]:
-        return {"stream": self._name(), "epoch": int(self._epoch), "shard": 0, "part": 0, "item": 0}
-
-    def _check(self, at: Mapping[str, Any]) -> None:
-        start = self._start()
-        numbers = [at.get(name) for name in start if name != "stream"]
-        if at.keys() != start.keys() or not all(type(n) is int and n >= 0 for n in numbers):
-            raise ValueError(f"load_state_dict: {at!r:.99} is not a result of state_dict")
-        if at["stream"] != start["stream"]:
-            raise ValueError(
-                "load_state_dict: the state is of another stream: give the same rows, observation, "
-                "shuffle, seed, world_size and number of workers, and each worker its own state"
-            )
-
-    def _name(self) -> str:
-        """Return a hash of everything that determines the order and this process's share."""
-        order = self._order.buffer, self._order.seed, *self._share()
-        key = self._part.key(), self._spec.decodes, self._items_of.__name__, order
-        return hashlib.sha256(repr(key).encode()).hexdigest()[:16]
-
-    def _share(self) -> tuple[int, int]:
-        """Return this process's index among the workers of all ranks, and their number."""
-        torch_data = sys.modules.get("torch.utils.data")
-        worker = None if torch_data is None else torch_data.get_worker_info()
-        number, workers = (0, 1) if worker is None else (worker.id, worker.num_workers)
-        return self._order.rank * workers + number, self._order.ranks * workers
-
-    def _random(self, at: Mapping[str, Any], *more: int) -> np.random.Generator:
-        return np.random.default_rng([self._order.seed, at["epoch"], *more])
-
-    def _permutation(self, count: int, at: Mapping[str, Any], *more: int) -> NDArray[np.int64]:
-        """Return the order of `count` things in an epoch, random if the stream is shuffled."""
-        if not self._order.buffer:
-            return np.arange(count)
-        return self._random(at, *more).permutation(count)
-
-    def _items(self, at: dict[str, Any]) -> Iterator[Item]:
-        """Yield items from the position `at` on, and update it in place."""
-        part, (share, shares) = self._part, self._share()
-        rows = part.counts()
-        total = int(rows.sum())
-        own = range(total * share // shares, total * (share + 1) // shares)
-        order = self._permutation(len(rows), at)
-        ends = np.cumsum(rows[order]).tolist()
-        for place, number in islice(enumerate(order.tolist()), at["shard"], None):
-            first = ends[place] - int(rows[number])
-            if first < own.stop and ends[place] > own.start:
-                with part.opened(number) as file:
-                    for groups in self._parts(file, number, first, own, at)[at["part"] :]:
-                        # No variable holds these items, so they are freed before others are read.
-                        for item in islice(self._read(file, number, groups, at), at["item"], None):
-                            at["item"] += 1
-                            yield item
-                        at.update(part=at["part"] + 1, item=0)
-            at.update(shard=place + 1, part=0, item=0)
-
-    def _parts(
-        self, file: ParquetFile, number: int, before: int, own: range, at: Mapping[str, Any]
-    ) -> list[list[int]]:
-        """Return this process's row groups of a shard, in lists that are read together.
-
-        Args:
-            file: The shard.
-            number: The index of the shard in the split.
-            before: The number of rows before the shard in the order of the epoch.
-            own: This process's rows, as a range in that order.
-            at: The position, which includes the epoch.
-        """
-        units, rows = self._part.units(file, number)
-        order = self._permutation(len(units), at, number)
-        # A unit belongs to the process that owns its middle row.
-        middle = before + np.cumsum(rows[order]) - (rows[order] + 1) // 2
-        mine = (own.start <= middle) & (middle < own.stop) & (rows[order] > 0)
-        cost, limit = rows.tolist(), self._order.buffer
-        if not limit and self._spec.decodes:
-            sizes = [file.metadata.row_group(n).total_byte_size for n in range(file.num_row_groups)]
-            cost, limit = [sum(sizes[unit.start : unit.stop]) for unit in units], TOGETHER_BYTES
-        elif not limit:
-            cost, limit = [len(unit) for unit in units], TOGETHER
-        parts: list[list[int]] = []
-        held = limit
-        for unit in order[mine].tolist():
-            if held + cost[unit] > limit:
-                parts.append([])
-                held = 0
-            parts[-1] += units[unit]
-            held += cost[unit]
-        return parts
-
-    def _read(
-        self, file: ParquetFile, number: int, groups: list[int], at: Mapping[str, Any]
-    ) -> Iterator[Item]:
-        """Return the items of row groups, in random order if the stream is shuffled."""
-        spec, part = self._spec, self._part
-        blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
-        items = self._items_of(episodes_of(blocks, spec, part.config))
-        if not self._order.buffer:
-            return items
-        every = [*items]
-        shuffled = self._random(at, number, 1 + groups[0]).permutation(len(every))
-        return map(every.__getitem__, shuffled.tolist())
+        return self._reading.start(int(self._epoch))
 
 
 def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
@@ -273,9 +324,10 @@ def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode
 
 def _steps(episodes: Iterable[LoadedEpisode]) -> Iterator[Transition]:
     for episode in episodes:
-        observations = episode.observations
+        # Consecutive items share no memory, since a caller may write to them.
+        before, after = episode.observations, episode.observations[1:].copy()
         for step, action in enumerate(episode.actions.tolist()):
-            yield Transition(observations[step], action, observations[step + 1])
+            yield Transition(before[step], action, after[step])
 
 
 def stream_episodes(  # noqa: D417

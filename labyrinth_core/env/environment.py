@@ -7,6 +7,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from importlib.util import find_spec
 from operator import index
 from typing import TYPE_CHECKING, Any
@@ -33,6 +34,7 @@ from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch import tabulate
+from labyrinth_core.world.buckets import BUCKETS
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
@@ -77,6 +79,8 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         observation: Kind = "image",
         image_size: int = DEFAULT_IMAGE_SIZE,
         labyrinth: LabyrinthLike | None = None,
+        split: str | None = None,
+        buckets: Sequence[int] = BUCKETS,
         reward: str = "default",
         max_episode_steps: int | None = None,
         render_mode: str | None = None,
@@ -92,6 +96,10 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
             image_size: Pixels on each side of the image.
             labyrinth: A labyrinth for every episode: its text, the path of a file, or a
                 `Labyrinth`. Its size and task replace `size` and `task`.
+            split: `train`, `validation` or `test`: sample only structures that a dataset may have
+                in this split, so that training meets no labyrinth of another split. None samples
+                all structures.
+            buckets: The percentages of all structures in these three splits, as in the dataset.
             reward: `default`, or `normalised`: the reward of the goal is raised so that an optimal
                 episode returns exactly 1.
             max_episode_steps: A limit below `40 * width * height` steps. The argument of the same
@@ -103,7 +111,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             ValueError: An argument has a value that is not allowed.
         """
-        self.source = LabyrinthSource.of(size, task, labyrinth)
+        self.source = LabyrinthSource.of(size, task, labyrinth, split, buckets)
         self._observer = Observer(observation, image_size)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._max_episode_steps = max_episode_steps
@@ -270,11 +278,20 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
 
 
 def _checked(action: int | np.int64) -> int:
-    """Return an action of any integer type as a Python int."""
-    try:
+    """Return an action of any integer type, or an array or tensor without axes, as a Python int.
+
+    Booleans, and arrays or tensors with axes, are refused, also with a single element.
+    """
+    if type(action) in (int, np.int64):  # The usual ones, without a further look.
         number = index(action)
-    except TypeError:
+    elif "bool" in str(getattr(action, "dtype", type(action))) or getattr(action, "ndim", 0) > 0:
         number = -1
+    else:
+        try:
+            number = index(action)
+        except TypeError:
+            number = -1
     if not 0 <= number < 4:
-        raise ValueError(f"action={action}: give 0 up, 1 right, 2 down or 3 left")
+        shown = " ".join(str(action).split())
+        raise ValueError(f"action={shown}: give 0 up, 1 right, 2 down or 3 left")
     return number

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
+from labyrinth_core.world.buckets import BUCKETS, SPLITS, bucket_at_any_ends, split_of
 from labyrinth_core.world.dynamics import STEP_LIMIT
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, whole
 from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
@@ -44,23 +45,46 @@ class LabyrinthSource(NamedTuple):
     shape: Shape
     kept: Labyrinth | None = None
     """The labyrinth of every episode; None to sample one for each."""
+    split: str | None = None
+    """The split whose structures are sampled, one of `SPLITS`; None for all structures."""
+    buckets: tuple[int, ...] = BUCKETS
+    """The percentages of all structures in the three splits."""
 
     def plainly(self) -> dict[str, Any]:
         """Return the arguments that recreate this source, as strings."""
         height, width, task = self.shape
         labyrinth = None if self.kept is None else dump(self.kept)
-        return {"size": f"{height}x{width}", "task": str(task), "labyrinth": labyrinth}
+        return {
+            "size": f"{height}x{width}",
+            "task": str(task),
+            "labyrinth": labyrinth,
+            "split": self.split,
+            "buckets": list(self.buckets),
+        }
 
     @classmethod
-    def of(cls, size: Size, task: Task | str, kept: LabyrinthLike | None) -> LabyrinthSource:
+    def of(
+        cls,
+        size: Size,
+        task: Task | str,
+        kept: LabyrinthLike | None,
+        split: str | None = None,
+        buckets: Sequence[int] = BUCKETS,
+    ) -> LabyrinthSource:
         """Return the source of random labyrinths of a size and task, or of a fixed labyrinth.
 
         Raises:
             ValueError: An argument has a value that is not allowed.
         """
+        if split is not None:
+            split = chosen("split", split, SPLITS)
+        shares = checked_buckets(buckets)
         if kept is None:
             written = "x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size)
-            return cls(Shape(*parse_size(written), chosen("task", task, Task)))
+            shape = Shape(*parse_size(written), chosen("task", task, Task))
+            return cls(shape, None, split, shares)
+        if split is not None:
+            raise ValueError(f"split={split}: give a split or fixed labyrinths, not both")
         labyrinth = as_labyrinth(kept)
         return cls(Shape.of(labyrinth), labyrinth)
 
@@ -86,7 +110,21 @@ class LabyrinthSource(NamedTuple):
             for name in ("start", "goal")
         )
         if labyrinth is None:
-            return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
+            if self.split is None:
+                return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
+            bucket = split_of if start is None and goal is None else bucket_at_any_ends
+            try:
+                return sample_labyrinth(
+                    height,
+                    width,
+                    task,
+                    rng,
+                    start=start,
+                    goal=goal,
+                    allows=lambda structure: bucket(structure, self.buckets) == self.split,
+                )
+            except LabyrinthError as error:
+                raise LabyrinthError(f"split={self.split}: {error}") from error
         start = labyrinth.start if start is None else start
         goal = labyrinth.goal if goal is None else goal
         if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
@@ -104,6 +142,8 @@ def sources_of(
     task: Task | str,
     labyrinth: LabyrinthLike | None,
     labyrinths: Iterable[LabyrinthLike] | None,
+    split: str | None,
+    buckets: Sequence[int],
 ) -> list[LabyrinthSource]:
     """Return the sources that sub-environments take in turn: one, or one for each of `labyrinths`.
 
@@ -111,17 +151,18 @@ def sources_of(
         ValueError: An argument has a value that is not allowed.
     """
     if labyrinths is None:
-        return [LabyrinthSource.of(size, task, labyrinth)]
+        return [LabyrinthSource.of(size, task, labyrinth, split, buckets)]
     if labyrinth is not None:
         raise ValueError("give labyrinth or labyrinths, not both")
     if isinstance(labyrinths, LabyrinthLike):
         raise ValueError("labyrinths: give a list, or labyrinth=... for one")
-    given = [as_labyrinth(each) for each in labyrinths]
-    if not given:
+    given = map(as_labyrinth, labyrinths)
+    sources = [LabyrinthSource.of(size, task, each, split, buckets) for each in given]
+    if not sources:
         raise ValueError("labyrinths: give at least one")
-    sources = [LabyrinthSource(Shape.of(each), each) for each in given]
-    for each in given:
-        check_shape(each, sources[0].shape)
+    for source in sources:
+        if source.kept is not None:
+            check_shape(source.kept, sources[0].shape)
     return sources
 
 
@@ -158,6 +199,19 @@ def chosen(name: str, value: object, choices: Iterable[Choice]) -> Choice:
             return choice
     names = ", ".join(str(getattr(choice, "value", choice)) for choice in choices)
     raise ValueError(f"{name}={value}: choose one of {names}")
+
+
+def checked_buckets(buckets: Sequence[int]) -> tuple[int, ...]:
+    """Return three percentages as a tuple; raise ValueError if they are not allowed."""
+    try:
+        shares = tuple(whole("buckets", each, 1, 98) for each in buckets)
+    except (TypeError, ValueError):
+        shares = ()
+    if len(shares) != len(SPLITS) or sum(shares) != 100:
+        raise ValueError(
+            f"buckets={buckets!r}: give three percentages of 1 or more that add up to 100"
+        )
+    return shares
 
 
 def as_labyrinth(labyrinth: LabyrinthLike) -> Labyrinth:

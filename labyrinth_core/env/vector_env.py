@@ -39,6 +39,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch import Tables, tabulate
+from labyrinth_core.world.buckets import BUCKETS
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
@@ -75,6 +76,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         image_size: int = DEFAULT_IMAGE_SIZE,
         labyrinth: LabyrinthLike | None = None,
         labyrinths: Iterable[LabyrinthLike] | None = None,
+        split: str | None = None,
+        buckets: Sequence[int] = BUCKETS,
         reward: str = "default",
         max_episode_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -95,6 +98,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
                 there are fewer, they are reused in turn. If there are more, sub-environment i
                 begins with labyrinth i, or s + i after a reset with the seed s, and moves on by
                 num_envs with every episode, modulo their number.
+            split: Sample only structures of this split. Labyrinths are then sampled one by one.
+            buckets: The percentages of all structures in the three splits.
             reward: `default` or `normalised`.
             max_episode_steps: A limit below `40 * width * height` steps.
             autoreset_mode: When a sub-environment begins its next episode: `NEXT_STEP`, at the step
@@ -125,7 +130,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             "render_fps": 10,
             "autoreset_mode": self.autoreset_mode,
         }
-        self._sources = sources_of(size, task, labyrinth, labyrinths)
+        self._sources = sources_of(size, task, labyrinth, labyrinths, split, buckets)
         self._turns: NDArray[np.int64] | None = None
         """The number of each sub-environment's next labyrinth, if there are more labyrinths."""
         if len(self._sources) > num_envs:
@@ -147,7 +152,8 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._seeds: list[int | None] = [None] * num_envs
         self._stack = Stack(num_envs, *self._shape)
         self._next: NextLabyrinths | None = None
-        if self._sources[0].kept is None and NextLabyrinths.pay(num_envs, self._shape):
+        samples_all = self._sources[0].kept is None and split is None
+        if samples_all and NextLabyrinths.pay(num_envs, self._shape):
             self._next = NextLabyrinths(num_envs, self._shape, normalised=self._normalised)
         self._begun = np.zeros(num_envs, np.bool_)
         self._over = np.zeros(num_envs, np.bool_)

@@ -6,12 +6,11 @@ import re
 import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any
 
 import numpy as np
 
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.world.labyrinth import whole
 
 LONGEST = 300
@@ -32,7 +31,15 @@ DETAILS = {
 
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
-_RESERVED = {name.replace("_", " ") for name in (*BASELINES, *REFERENCES, *REPLANNERS)}
+
+
+@cache
+def _reserved() -> frozenset[str]:
+    """Return the names of the baselines, which no policy may have."""
+    from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+    from labyrinth_core.evaluation.replanner import REPLANNERS
+
+    return frozenset(name.replace("_", " ") for name in (*BASELINES, *REFERENCES, *REPLANNERS))
 
 
 def as_compared(name: str) -> str:
@@ -72,7 +79,7 @@ class Description:
                 )
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
-        if as_compared(self.name).replace("_", " ") in _RESERVED:
+        if as_compared(self.name).replace("_", " ") in _reserved():
             raise ValueError(f"name={self.name}: a baseline has this name; choose another")
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")

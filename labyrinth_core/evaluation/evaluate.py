@@ -107,7 +107,7 @@ def evaluate(
     )
     chosen = _chosen(splits, manifest)
     scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
-    require_unchanged(source, config, manifest.fingerprint)
+    require_unchanged(source, config, manifest.fingerprint, revision)
     return Results(
         dataset=str(source),
         revision=revision,
@@ -175,7 +175,10 @@ def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
     if splits is None:
         held = dict.fromkeys(shard.split for shard in manifest.shards)
         return [split for split in held if split not in NOT_EVALUATED]
-    chosen = [splits] if isinstance(splits, str) else list(splits)
+    try:
+        chosen = [splits] if isinstance(splits, str) else list(splits)
+    except TypeError as error:
+        raise ValueError(f"splits={splits!r:.60}: give names such as ['test']") from error
     for split in chosen or ["[]"]:
         manifest.of(split)  # Raises a DatasetError if there is no such split.
     return chosen

@@ -36,7 +36,7 @@ class KnownSplit:
     distance: NDArray[np.int64]
     """Moves on a shortest route, shape (L,)."""
     known_route: NDArray[np.bool_]
-    """Whether train demonstrates an optimal route, shape (L,)."""
+    """As in `Scores`, shape (L,)."""
     acting: tuple[int, int]
     """The number of states over which each of `ACCURACIES` is computed."""
     baselines: Mapping[str, Mapping[str, float]]

@@ -53,6 +53,13 @@ A policy that draws one in fifty of its answers at random is found in 999 of 1,0
 action agrees with the other answer in a quarter of them.
 """
 
+ASKED_AGAIN = 4
+"""The number of further calls that decide whether differing answers are random."""
+
+ROUNDED = 0.02
+"""The largest share of answers that may depend on the batch: sums round differently in batches of
+other sizes, which can decide between two equally good actions."""
+
 Choose = Callable[[NDArray[np.int64], NDArray[np.int64]], NDArray[np.int64]]
 """Maps the states of all N agents and the M agents that still act to the M actions."""
 
@@ -217,18 +224,38 @@ def _visit(policy: Policy, arrays: LabyrinthArrays, limit: int | None) -> Episod
 # Any policy.
 
 
+class UnrepeatableError(PolicyError):
+    """A policy without memory answers the same observations differently."""
+
+
 def require_repeatable(player: Player, arrays: LabyrinthArrays, advice: str) -> None:
-    """Raise a PolicyError if two calls of a policy without memory differ.
+    """Raise an UnrepeatableError if two calls of a policy without memory differ.
+
+    The second call shows the same observations in another order, one half at a time, to find a
+    policy whose answer depends on the rest of the batch.
 
     `advice` says what to do with a policy that draws at random.
     """
     acting = np.flatnonzero(~arrays.terminal)
     some = acting[np.linspace(0, len(acting) - 1, min(TRIED, len(acting)), dtype=np.int64)]
-    first, second = (decide(player.act, arrays.observations[some]) for _ in range(2))
-    if not np.array_equal(first, second):
-        raise PolicyError(
+    first = decide(player.act, arrays.observations[some])
+    second = np.empty_like(first)
+    for begin in range(min(2, len(some))):
+        half = np.arange(len(some))[::-1][begin::2]
+        second[half] = decide(player.act, arrays.observations[some[half]])
+    if np.array_equal(first, second):
+        return
+    again = (decide(player.act, arrays.observations[some]) for _ in range(ASKED_AGAIN))
+    if not all(np.array_equal(first, each) for each in again):
+        raise UnrepeatableError(
             f"the policy answers the same observations differently: {advice}, or reset(count) and "
             "act(observations) if it remembers"
+        )
+    if (differing := int((first != second).sum())) > ROUNDED * len(some):
+        raise PolicyError(
+            f"the policy answers {differing} of {len(some)} observations differently in another "
+            "batch: give one that answers each observation by itself, such as a network in "
+            "evaluation mode"
         )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json, write_text
+from labyrinth_core.data.storage import named_file, read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import OUTCOMES
@@ -32,6 +32,8 @@ from labyrinth_core.evaluation.results_form import (
 )
 from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
+from labyrinth_core.language.collection import files_in
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -47,16 +49,17 @@ HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
 LEGEND = (
     fill(" ".join(WHY_SPL.split()), COLUMNS),
     "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
-    "known, new: SR where train demonstrates an optimal route, and where it does not.\n"
-    "All in percent, except AER and the counts of failures by kind (loop, wall, ice).\n"
-    "Beside the failures: SPL/SR of baselines without learning; optimum: 100/100.",
+    "known: SR where an optimal route is part of a route that train demonstrates;\n"
+    "new: SR elsewhere. All in percent, except AER, the average episodic return.",
 )
+FAILURES = "Failed episodes by kind:"
+WITHOUT_LEARNING = "SPL/SR of baselines without learning; the optimum has 100/100:"
 REPLANNER_LEGEND = """\
 replanner: replans after each step and assumes that unseen passages are open;
 with memory, and without."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Results:
     """The results of a policy on the splits of a dataset."""
 
@@ -90,7 +93,7 @@ class Results:
     judged: Judgement | None = None
     """What the judge of a season signs; None for other results."""
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
         """Return the figures as tables with a line for each split, and the legend."""
         return "\n".join([self.tables(), "", *self.legend()])
 
@@ -98,16 +101,21 @@ class Results:
         """Return the figures as tables with a line for each split."""
         figures = [list(HEADINGS)]
         figures += [[split, *_cells(scores)] for split, scores in self.splits.items()]
+        lines = [self._title(), *_aligned(figures)]
         failures = {split: each.figures()["failures"] for split, each in self.splits.items()}
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
+        if kinds:
+            rows = [["split", *kinds]]
+            for split, found in failures.items():
+                rows.append([split, *(f"{found.get(kind, 0):,}" for kind in kinds)])
+            lines += ["", FAILURES, *_aligned(rows)]
         beside = {name: found for name, found in self.baselines.items() if name != "oracle"}
-        names = [name.replace("_", " ").rpartition(" ") for name in beside]
-        rows = [[""] * (1 + len(kinds)) + [first for first, *_ in names]]
-        rows += [["split", *kinds, *(last for *_, last in names)]]
-        for split, found in failures.items():
-            counts = (f"{found.get(kind, 0):,}" for kind in kinds)
-            rows.append([split, *counts, *(_pair(each[split]) for each in beside.values())])
-        return "\n".join([self._title(), *_aligned(figures), "", *_aligned(rows)])
+        if beside:
+            rows = [["split", *(name.replace("_", " ") for name in beside)]]
+            for split in self.splits:
+                rows.append([split, *(_pair(each[split]) for each in beside.values())])
+            lines += ["", WITHOUT_LEARNING, *_aligned(rows)]
+        return "\n".join(lines)
 
     def legend(self) -> list[str]:
         """Return what the columns of `tables` mean, in parts."""
@@ -118,7 +126,8 @@ class Results:
         if self.image_size is not None:
             shown += f" of {self.image_size} x {self.image_size}"
         count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        return f"{self.config} of {self.dataset}\n{shown}, {count} per labyrinth, by {self.way}"
+        dataset = printable_line(self.dataset)
+        return f"{self.config} of {dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,
@@ -152,7 +161,7 @@ class Results:
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(place, text)
+        write_text(named_file(place), text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
@@ -333,6 +342,16 @@ def _as_text(content: Mapping[str, Any]) -> str:
         return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
 
     return lines(content, 0) + "\n"
+
+
+def submissions_in(folder: Path) -> list[tuple[Path, str]]:
+    """Return the results files below a folder of submissions, and why each cannot be read, if so.
+
+    A folder in the place of a file, or a link that leads nowhere, is returned too.
+    """
+    folders = [(path, "it is not a file") for path in folder.rglob("[!.]*.json") if path.is_dir()]
+    files = ((path, why) for path, why in files_in(folder) if why or path.suffix == ".json")
+    return sorted([*files, *folders])
 
 
 def results_in(run_dir: Path) -> list[Path]:

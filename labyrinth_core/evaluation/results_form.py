@@ -64,10 +64,13 @@ FIGURES = {
 
 DERIVED = (
     *FIGURES,
-    *("sr_known_route", "sr_new_route", "sr_interval", "aer_interval", "path_efficiency"),
-    "failures",
+    *("sr_known_route", "sr_new_route", "path_efficiency", "failures"),
 )
 """The figures of a policy that are recomputed, whatever the file says."""
+
+INTERVALS = {"sr_interval": "sr", "aer_interval": "aer"}
+"""Interval -> its figure. Intervals are recomputed as well, but a file may have those of an earlier
+version, which resampled."""
 
 EVALUATED = {
     "observation": Text("image|vector|text"),
@@ -97,6 +100,7 @@ _SHAPE = {
         _SPLIT_NAME,
         {
             **dict.fromkeys(DERIVED),
+            **dict.fromkeys(INTERVALS, (Number(), Number())),
             "labyrinths": _COUNTED,
             "known_route": Text("[01]*"),
             "accuracy_on_demonstrations": Maybe(SHARE),
@@ -111,6 +115,14 @@ _SHAPE = {
     "baselines": Named(Text("|".join((*BASELINES, *REFERENCES, *REPLANNERS))), None),
 }
 
+TRAINING = {
+    "epochs": COUNT,
+    "seconds": Number(0),
+    "selected": {"epoch": COUNT},
+    "computed": {"device": _WORD},
+}
+"""The shape of how a policy was trained, in results and in the record of a run."""
+
 RUN = {
     "method": _WORD,
     "encoder": _WORD,
@@ -122,12 +134,7 @@ RUN = {
     "dataset": _TEXT,
     "revision": Maybe(_TEXT),
     "fingerprint": _HASH,
-    "training": {
-        "epochs": COUNT,
-        "seconds": Number(0),
-        "selected": {"epoch": COUNT},
-        "computed": {"device": _WORD},
-    },
+    "training": TRAINING,
     "evaluated": {"device": _WORD, "versions": Named(_TEXT, _TEXT), "weights": Maybe(_HASH)},
     "references_know": Maybe(_HASH),
     "as_tried": Maybe(Named(_SPLIT_NAME, Named(_WORD, Number()))),
@@ -283,9 +290,14 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
 
 def _other_figures(content: Mapping[str, Any], scores: Scores) -> Iterator[str]:
     """Yield each figure that does not follow from the outcomes."""
-    for name, right in scores.figures().items():
-        if not _equal(content[name], right):
+    figures = scores.figures()
+    for name, right in figures.items():
+        if name not in INTERVALS and not _equal(content[name], right):
             yield f"{name} is {content[name]!r:.60}, but {right} follows from the outcomes"
+    for name, figure in INTERVALS.items():
+        (low, high), right = content[name], figures[figure]
+        if not low - _EXACT <= right <= high + _EXACT:
+            yield f"{name} is {content[name]!r:.60}, but {figure} is {right}"
 
 
 def _equal(one: Any, other: Any) -> bool:

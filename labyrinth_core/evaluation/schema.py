@@ -11,6 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from labyrinth_core.language.source_text import printable_line
+
 _MOST = 1e15
 """No number in our files is larger; JavaScript, on the report's page, holds it exactly."""
 
@@ -102,7 +104,7 @@ def check_shape(value: Any, shape: Any, place: str = "it") -> None:
     elif isinstance(shape, Named):
         for name, item in value.items():
             check_shape(name, shape.name, f"a name in {place}")
-            check_shape(item, shape.of, f"{place}.{name}")
+            check_shape(item, shape.of, f"{place}.{printable_line(name):.100}")
 
 
 def _unmet(value: Any, shape: Any) -> str | None:

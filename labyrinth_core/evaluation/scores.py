@@ -12,6 +12,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
+from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits on which a trained policy is evaluated."""
@@ -41,8 +42,8 @@ class Scores:
     accuracy_elsewhere: float | None = None
     """The share of optimal actions in all other states; None if there are no such states."""
     known_route: NDArray[np.bool_] | None = None
-    """Whether train demonstrates an optimal route of each labyrinth, shape (L,), as computed by
-    `TrainMemory.figures`; None if unknown."""
+    """Whether an optimal route of each labyrinth is a demonstrated route of train or a part of one,
+    shape (L,), as computed by `TrainMemory.figures`; None if unknown."""
 
     @classmethod
     def of(cls, episodes: Episodes, arrays: LabyrinthArrays) -> Scores:
@@ -79,13 +80,13 @@ class Scores:
 
     @property
     def sr_known_route(self) -> float | None:
-        """Success rate where train demonstrates an optimal route; None without such labyrinths."""
+        """Success rate where `known_route` holds; None without such labyrinths."""
         known = self.known_route
         return None if known is None else _mean(self.episodes.solved[..., known])
 
     @property
     def sr_new_route(self) -> float | None:
-        """Success rate where train demonstrates no optimal route; None without such labyrinths."""
+        """Success rate where `known_route` does not hold; None without such labyrinths."""
         known = self.known_route
         return None if known is None else _mean(self.episodes.solved[..., ~known])
 
@@ -126,9 +127,9 @@ class Scores:
         }
 
     def figures(self) -> dict[str, Any]:
-        """Return the figures in plain types; intervals are over labyrinths and episodes.
+        """Return the figures in plain types; intervals are over labyrinths.
 
-        `known_route` has 1 for each labyrinth with an optimal route demonstrated in train, else 0.
+        `known_route` has a digit for each labyrinth, 1 if the route is known, else 0.
         """
         known, episodes = self.known_route, self.episodes
         return {
@@ -145,8 +146,8 @@ class Scores:
                 for name in OUTCOMES
                 if name in episodes.outcomes[~episodes.solved]
             },
-            "sr_interval": _interval(episodes.solved),
-            "aer_interval": _interval(episodes.returns),
+            "sr_interval": list(interval(by_labyrinth(episodes.solved)[None])),
+            "aer_interval": list(return_interval(by_labyrinth(episodes.returns)[None])),
         }
 
 
@@ -170,8 +171,26 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
     )
 
 
-def _interval(values: NDArray[Any]) -> list[float]:
-    return list(interval(np.atleast_2d(values).astype(np.float64)))
+def by_labyrinth(values: NDArray[Any]) -> NDArray[np.float64]:
+    """Return the mean of a policy's episodes in each labyrinth, shape (L,), from (L,) or (E, L).
+
+    Several episodes are of one policy, so they say nothing about other seeds.
+    """
+    means: NDArray[np.float64] = np.atleast_2d(values).mean(axis=0, dtype=np.float64)
+    return means
+
+
+def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the interval of the mean return; see `interval`.
+
+    A return below that of an episode that is cut, as on ice, counts as possible only if there is
+    one.
+
+    Args:
+        returns: The mean return for each seed and labyrinth, shape (seeds, labyrinths).
+    """
+    lowest = min(-STEP_LIMIT * STEP_PENALTY, float(returns.min()))
+    return interval(returns, ends=(lowest, GOAL_REWARD))
 
 
 def _mean(values: NDArray[Any]) -> float | None:

@@ -6,17 +6,21 @@ Files are never evaluated or unpickled. A labyrinth that cannot be read is repor
 from __future__ import annotations
 
 import io
+import os
 import re
+import stat
 from collections.abc import Callable, Iterator
+from dataclasses import replace
+from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path
+from pathlib import Path, PurePath
 from tokenize import TokenError
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
@@ -28,6 +32,25 @@ KINDS = (".labyrinth", ".npy")
 """The suffixes of the files that are read."""
 ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
 """The suffixes of archives, which have to be unpacked first."""
+
+
+_LINKED = "a link leads to another file here, whose content is not quoted"
+
+_ERRORS_OF_NUMPY = (
+    *(ValueError, TypeError, LookupError, AttributeError, ArithmeticError, RecursionError),
+    *(OSError, EOFError, MemoryError, SyntaxError, TokenError),
+)
+"""What NumPy raises for the header of an array: it parses any Python literal, and checks little."""
+LITTER = (
+    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory", "__macosx"),
+    *("@eadir", "@recycle", "#recycle", "$recycle.bin", "system volume information", "lost+found"),
+    *(".trash*", ".stfolder", ".spotlight-v100", ".fseventsd", ".temporaryitems", ".appledouble"),
+    *("#snapshot", "@recently-snapshot", ".snapshot", ".snapshots", ".@__thumb", ".syncthing.*"),
+    *(".nfs*", ".fuse_hidden*"),
+    *(".ipynb_checkpoints", "cache-*.arrow"),
+)
+"""Patterns, in lower case, of files and folders that desktops, storage servers, network file
+systems and readers (Jupyter, `datasets`) leave anywhere."""
 
 
 class Entry(NamedTuple):
@@ -48,28 +71,50 @@ def is_collection(path: Path) -> bool:
     return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
 
 
-def files_in(folder: Path) -> list[Path]:
-    """Return the files in a folder and its sub-folders, sorted; [] if it does not exist.
+def is_litter(path: str | PurePath) -> bool:
+    """Return whether a path relative to a folder matches `LITTER`, files that no user misses."""
+    parts = [part.lower() for part in PurePath(path).parts]
+    return any(fnmatchcase(part, pattern) for part in parts for pattern in LITTER)
 
-    Files and folders whose names begin with a dot, such as `.git` or `.ipynb_checkpoints`, are
-    skipped. Links are followed.
 
-    Raises:
-        OSError: A folder cannot be read.
+def files_in(folder: Path) -> list[tuple[Path, str]]:
+    """Return the paths of files in a folder and its sub-folders, sorted; [] if it does not exist.
+
+    With each comes the reason why it cannot be read, empty for a regular file: a link that leads
+    nowhere, a folder that cannot be listed. Files and folders whose names begin with a dot, such as
+    `.git` or `.ipynb_checkpoints`, are skipped. Links are followed; below each entry of `folder`,
+    a folder that links reach several times is listed once.
     """
-    files = []
-    folders = [(folder, frozenset({folder.resolve()}))] if folder.is_dir() else []
-    for each, above in folders:  # The list grows during the loop.
-        for path in each.iterdir():
-            if path.name.startswith("."):
+    files: list[tuple[Path, str]] = []
+    folders = [folder] if os.path.lexists(folder) else []
+    listed: set[tuple[str, str]] = set()
+    for each in folders:  # The list grows during the loop.
+        try:
+            paths = sorted(each.iterdir())
+        except OSError as error:
+            files.append((each, _reason(each, error)))
+            continue
+        for path in paths:
+            if path.name.startswith(".") or is_litter(path.name):
                 continue
-            if path.is_file():
-                files.append(path)
-            elif path.is_dir():
-                real = path.resolve()
-                if real not in above:  # A link to a folder above would never end.
-                    folders.append((path, above | {real}))
+            try:
+                mode = path.stat().st_mode
+            except OSError as error:
+                files.append((path, _reason(path, error)))
+                continue
+            if stat.S_ISDIR(mode):
+                key = path.relative_to(folder).parts[0], os.path.realpath(path)
+                if key not in listed:
+                    listed.add(key)
+                    folders.append(path)
+            else:
+                files.append((path, "" if stat.S_ISREG(mode) else "it is not a regular file"))
     return sorted(files)
+
+
+def _reason(path: Path, error: OSError) -> str:
+    leads = "a link that leads nowhere: " if path.is_symlink() and not path.exists() else ""
+    return leads + (error.strerror or str(error))
 
 
 def read_collection(path: str | Path) -> Iterator[Entry]:
@@ -77,33 +122,49 @@ def read_collection(path: str | Path) -> Iterator[Entry]:
 
     The split is the name of the first sub-folder on the path to a file; without a sub-folder it is
     the name of the file, or of the folder for the texts in a folder. Hidden files and folders are
-    skipped. An archive yields a problem: it has to be unpacked first.
+    skipped. A file, folder or link that cannot be read yields a problem, and so does an archive,
+    which has to be unpacked first.
 
     Raises:
-        OSError: A file or a folder cannot be read.
+        OSError: The path does not exist.
     """
     path = Path(path)
     path.stat()  # Raises if it does not exist.
     folder = path if path.is_dir() else path.parent
-    name = path.resolve().name if path.is_dir() else path.stem
-    for file in files_in(path) if path.is_dir() else [path]:
+    real = path.resolve()
+    name = real.name if path.is_dir() else path.stem
+    for file, problem in files_in(path) if path.is_dir() else [(path, "")]:
         kind = file.suffix.lower()
-        if kind in KINDS + ARCHIVES:
-            (first, *rest) = file.relative_to(folder).parts
-            split = first if rest else (name if kind == ".labyrinth" else file.stem)
-            yield from _entries(file, kind, _safe(split))
+        linked = file != path and os.path.realpath(file) != str(real / file.relative_to(path))
+        if problem or kind in KINDS + ARCHIVES:
+            (first, *rest) = file.relative_to(folder).parts or (name,)
+            split = first if rest else (name if kind == ".labyrinth" else Path(first).stem)
+            place = printable_line(str(file))  # A file name can hold any character.
+            if problem:
+                yield Entry(_safe(split), place, None, f"{place}: {problem}")
+            else:
+                yield from _entries(file, kind, _safe(split), place, quotes=not linked)
 
 
-def _entries(file: Path, kind: str, split: str) -> Iterator[Entry]:
-    """Yield the labyrinths of a file; `kind` is its suffix in lower case."""
-    place = printable(str(file)).replace("\n", "\\n")  # A file name can hold any character.
+def _entries(file: Path, kind: str, split: str, place: str, *, quotes: bool) -> Iterator[Entry]:
+    """Yield the labyrinths of a file.
+
+    Args:
+        file: The file.
+        kind: Its suffix in lower case.
+        split: The split that its labyrinths belong to.
+        place: Its name, for messages.
+        quotes: Whether a problem may quote the file, which may be any file if links lead to it.
+    """
     try:
         data = _bytes(file)
         if kind == ".labyrinth":
-            yield _entry(split, place, lambda: parse(decode(data, place), file=place))
+            yield _entry(split, place, lambda: _parse(data, str(file), quotes=quotes))
         else:
-            for index, read in _in_array(_array(data)):
+            for index, read in _in_array(_array(data, quotes=quotes)):
                 yield _entry(split, place + index, read)
+    except OSError as error:
+        yield Entry(split, place, None, f"{place}: {_reason(file, error)}")
     except ValueError as error:
         yield Entry(split, place, None, f"{place}: {_line(error)}")
 
@@ -112,6 +173,7 @@ def _bytes(file: Path) -> bytes:
     """Return the bytes of a file, which has at most `MAX_BYTES`.
 
     Raises:
+        OSError: The file cannot be read.
         ValueError: The file is larger, or an archive.
     """
     with file.open("rb") as stream:
@@ -147,13 +209,23 @@ def _in_array(array: NDArray[Any]) -> Iterator[tuple[str, Callable[[], Labyrinth
         )
 
 
-def _array(data: bytes) -> NDArray[Any]:
+def _parse(data: bytes, name: str, *, quotes: bool) -> Labyrinth:
+    """Return the labyrinth in the bytes of a text."""
+    try:
+        return parse(decode(data, name), file=name)
+    except LabyrinthSyntaxError as error:
+        if quotes:
+            raise
+        raise replace(error, message=_LINKED, expected=None, found=None) from None
+
+
+def _array(data: bytes, *, quotes: bool) -> NDArray[Any]:
     """Return the booleans or numbers in the bytes of a .npy file."""
     try:
         array: NDArray[Any] = np.lib.format.read_array(io.BytesIO(data), allow_pickle=False)
-    except (ValueError, OSError, EOFError, MemoryError, SyntaxError, TokenError) as error:
-        # The header may hold anything; NumPy parses it as a Python literal.
-        raise ValueError(f"the array cannot be read: {error}") from error
+    except _ERRORS_OF_NUMPY as error:
+        reason = str(error) if quotes else _LINKED
+        raise ValueError(f"the array cannot be read: {reason}") from error
     if not array.size:
         raise ValueError(f"an empty array of shape {array.shape}")
     if array.dtype.kind not in "biuf":

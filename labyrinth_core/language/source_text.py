@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, LabyrinthError
 
 MAX_TEXT = 32 * 1024 * 1024
 """The most characters of a text, or bytes of a file; the largest drawing has a quarter of that."""
@@ -26,7 +26,7 @@ _WINDOW = 94
 
 
 @dataclass(eq=False, repr=False)
-class LabyrinthSyntaxError(ValueError):
+class LabyrinthSyntaxError(LabyrinthError):
     """The text is not a labyrinth; the message shows the line, with a caret below the error."""
 
     message: str
@@ -43,6 +43,8 @@ class LabyrinthSyntaxError(ValueError):
     """What the language allows at this place."""
     found: str | None = None
     """What the text has at this place."""
+    cell: int | None = None
+    """Always None: the error is at a place of the text."""
 
     @classmethod
     def at(
@@ -61,7 +63,8 @@ class LabyrinthSyntaxError(ValueError):
         return cls(message, file, line, column, source_line, expected, found)
 
     def __str__(self) -> str:
-        message = f"{self.file or '<text>'}:{self.line}:{self.column}: {self.message}"
+        file = printable_line(self.file or "<text>")  # A file name can hold any character.
+        message = f"{file}:{self.line}:{self.column}: {self.message}"
         if self.expected is not None:
             message += f": expected {self.expected}"
         if self.found is not None:
@@ -174,6 +177,11 @@ def printable(text: str) -> str:
     return "".join(
         char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
     )
+
+
+def printable_line(text: str) -> str:
+    """Escape all characters of a text that do not print, line breaks too, as in names of files."""
+    return printable(text).replace("\n", "\\n")
 
 
 def escape_output() -> None:

@@ -19,6 +19,7 @@ from labyrinth_core.world.labyrinth import (
     Labyrinth,
     LabyrinthError,
     Look,
+    Sketch,
     Structure,
     Task,
     digits,
@@ -84,15 +85,34 @@ def parse(text: str, *, file: str | None = None, seed: int = 0) -> Labyrinth:
         LabyrinthSyntaxError: The text is not in the language, or breaks a rule of its task.
         ValueError: The seed is used and is not a non-negative integer.
     """
+    source, settings, drawing = _read(text, file)
+    try:
+        return _build(source, drawing, settings, seed)
+    except LabyrinthSyntaxError:  # It knows its place already.
+        raise
+    except LabyrinthError as error:
+        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
+        raise source.error(offset, str(error)) from error
+
+
+def parse_sketch(text: str, *, file: str | None = None) -> Sketch:
+    """Return what a text draws, also if it breaks a rule of its task or has no route.
+
+    Raises:
+        LabyrinthSyntaxError: The text is not in the language.
+    """
+    source, settings, drawing = _read(text, file)
+    start, goal = _ends(source, drawing)
+    key, door, ice = _tiles(source, drawing, settings.task)
+    return Sketch(drawing.structure, start, goal, settings.task, key, door, ice, settings.look)
+
+
+def _read(text: str, file: str | None) -> tuple[Source, _Settings, _Drawing]:
     source = Source(text, file)
     settings = _parse_settings(source)
     drawing = _parse_drawing(source)
     _parse_end(source)
-    try:
-        return _build(source, drawing, settings, seed)
-    except LabyrinthError as error:
-        offset = settings.offset if error.cell is None else drawing.offset(error.cell)
-        raise source.error(offset, str(error)) from error
+    return source, settings, drawing
 
 
 class _Settings(NamedTuple):
@@ -289,23 +309,36 @@ def _parse_end(source: Source) -> None:
 def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:
     """Return the labyrinth of a drawing, placing the tiles of its task that are not drawn."""
     structure, task, look = drawing.structure, settings.task, settings.look
-    start, goal = default_start_and_goal(structure.height, structure.width)
-    drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
-    start = start if drawn_start is None else drawn_start
-    goal = goal if drawn_goal is None else drawn_goal
-    key = door = None
-    ice: frozenset[int] = frozenset()
-    complete = True
-    if task is Task.KEY_AND_DOOR:
-        key, door = _only(source, drawing, "K"), _only(source, drawing, "D")
-        complete = None not in (key, door)
-    elif task is Task.ICY_FLOOR:
-        ice = frozenset(cell for cell, tile in enumerate(drawing.tiles) if tile == "I")
-        complete = bool(ice)
-    if complete:
+    start, goal = _ends(source, drawing)
+    key, door, ice = _tiles(source, drawing, task)
+    lacks = {Task.KEY_AND_DOOR: None in (key, door), Task.ICY_FLOOR: not ice}
+    if not lacks.get(task):
         return Labyrinth(structure, start, goal, task, key, door, ice, look)
     rng = np.random.default_rng(whole("seed", seed, 0))
     return place(structure, start, goal, task, rng, key=key, door=door, look=look)
+
+
+def _ends(source: Source, drawing: _Drawing) -> tuple[int, int]:
+    """Return the cells of start and goal, in their default places if they are not drawn."""
+    start, goal = default_start_and_goal(drawing.structure.height, drawing.structure.width)
+    drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
+    return (
+        start if drawn_start is None else drawn_start,
+        goal if drawn_goal is None else drawn_goal,
+    )
+
+
+def _tiles(
+    source: Source, drawing: _Drawing, task: Task
+) -> tuple[int | None, int | None, frozenset[int]]:
+    """Return the cells of key, door and ice that are drawn; those of other tasks are ignored."""
+    key = door = None
+    ice: frozenset[int] = frozenset()
+    if task is Task.KEY_AND_DOOR:
+        key, door = _only(source, drawing, "K"), _only(source, drawing, "D")
+    elif task is Task.ICY_FLOOR:
+        ice = frozenset(cell for cell, tile in enumerate(drawing.tiles) if tile == "I")
+    return key, door, ice
 
 
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
@@ -341,8 +374,10 @@ def dump(labyrinth: Labyrinth) -> str:
     beside = digits(structure.right, cells).encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
-    if labyrinth.key is not None and labyrinth.door is not None:
-        tiles[labyrinth.key], tiles[labyrinth.door] = b"KD"
+    if labyrinth.key is not None:
+        tiles[labyrinth.key] = ord("K")
+    if labyrinth.door is not None:
+        tiles[labyrinth.door] = ord("D")
     for cell in labyrinth.ice:
         tiles[cell] = ord("I")
     outer_wall = b"-" * (4 * width + 1) + b"\n"

@@ -131,8 +131,9 @@ class Painter:
         # The codes of cells, except for cells that show the floor.
         self._codes = {labyrinth.start: START, labyrinth.goal: GOAL}
         self._codes |= dict.fromkeys(labyrinth.ice, ICE)
-        if labyrinth.key is not None and labyrinth.door is not None:
-            self._codes |= {labyrinth.key: KEY, labyrinth.door: DOOR}
+        for tile, code in ((labyrinth.key, KEY), (labyrinth.door, DOOR)):
+            if tile is not None:
+                self._codes[tile] = code
         # The strips above the lowest row of cells: all other rows, their walls, perhaps a margin.
         self._lowest = 2 * structure.height - 1 + (self._grid.top > 0)
 

@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, local_copy, read_json
+from labyrinth_core.data.storage import read_json
+from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.weights import read_tensors
 
 if TYPE_CHECKING:
     import torch
@@ -125,30 +128,25 @@ def _read_spec(path: Path) -> PolicySpec:
 def _read_spec_of_run(folder: Path) -> PolicySpec:
     """Return the specification of a run's policy; the file of weights names the network's shape."""
     record = folder / RECORD
-    _, metadata = _read_weights(folder / POLICY)
+    check_size(record, RECORD, record.stat().st_size)
+    content = read_run(folder)
+    assert content is not None  # The caller has found the file.
+    _, texts = _read_weights(folder / POLICY)
     try:
-        check_size(record, RECORD, record.stat().st_size)
-        network, content = json.loads(metadata["network"]), read_json(record)
-        recorded, run = content.get("files", {}).get(POLICY), content["run"]
-        if recorded not in (None, file_sha256(folder / POLICY)):
-            raise ValueError(f"{POLICY} is damaged: its sha256 is not the one in {RECORD}")
-        return PolicySpec.from_json(PolicySpec.of_run(network, run).to_json())
+        network = json.loads(texts.get("network", "null"))
+        return PolicySpec.from_json(PolicySpec.of_run(network, content["run"]).to_json())
     except _UNREADABLE as error:
-        raise DatasetError(f"{folder} holds no trained policy: {one_line(error):.300}") from error
+        raise DatasetError(f"{record} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """Return the tensors and the metadata of a file of weights."""
-    from safetensors import SafetensorError, safe_open
-
+    """Return the tensors and the texts in a file of weights."""
     try:
         check_size(path, path.name, path.stat().st_size)
-        with local_copy(path) as local, safe_open(local, framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            return tensors, file.metadata() or {}
+        return read_tensors(path)
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
-    except (*_UNREADABLE, SafetensorError) as error:
+    except _UNREADABLE as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 
@@ -158,11 +156,13 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
 
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
     from labyrinth_core.policies.networks.mapping import Mapper
+    from labyrinth_core.policies.networks.network import usual_defaults
 
     def make() -> torch.nn.Module:
         return make_network(spec.network, average=spec.average, own=spec.own)
 
-    with torch.device("meta"):  # Allocates no memory: a file could ask for any amount.
+    # On this device no memory is allocated: a file could ask for any amount.
+    with usual_defaults(), torch.device("meta"):
         expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
     tensors, _ = _read_weights(path)
     for name in sorted(expected.keys() | tensors.keys()):
@@ -170,8 +170,10 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
         found = None if tensor is None else (tensor.shape, tensor.dtype)
         if found != expected.get(name):
             is_, should_be = map(_described, (found, expected.get(name)))
-            raise DatasetError(f"{path} is of another network: {name} is {is_}, not {should_be}")
-    network = make()
+            told = f"{printable_line(name):.200} is {is_}, not {should_be}"
+            raise DatasetError(f"{path} is of another network: {told}")
+    with usual_defaults():
+        network = make()
     network.load_state_dict(tensors)
     network.eval()
     if isinstance(network, Mapper):

@@ -389,3 +389,10 @@ class Labyrinth:
     def position(self, cell: int) -> tuple[int, int]:
         """Return the `(row, column)` of a cell."""
         return divmod(cell, self.structure.width)
+
+
+class Sketch(Labyrinth):
+    """What a drawing shows, only to be drawn: it may lack tiles, or have no route to the goal."""
+
+    def __post_init__(self) -> None:
+        self._make_whole()

@@ -6,6 +6,7 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
 
@@ -246,6 +247,7 @@ def sample_labyrinth(
     goal: int | None = None,
     algorithm: str = "wilson",
     open_walls: float | None = None,
+    allows: Callable[[Structure], bool] | None = None,
 ) -> Labyrinth:
     """Return a random labyrinth, redrawing structures that cannot hold the task.
 
@@ -258,6 +260,7 @@ def sample_labyrinth(
         goal: Cell of the goal, None for the top right.
         algorithm: How the spanning tree is drawn, as for `sampling.sample_structures`.
         open_walls: Probability of opening each wall that the tree leaves, None for about 0.1.
+        allows: Returns whether a structure may be used; None allows all.
 
     Raises:
         LabyrinthError: None of the structures drawn can hold the task, or no structure can.
@@ -278,6 +281,8 @@ def sample_labyrinth(
         check_open_walls(task, open_walls)
     structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
     for structure in islice(structures, MAX_DRAWS):
+        if allows is not None and not allows(structure):
+            continue
         try:
             return place(structure, start, goal, task, rng)
         except LabyrinthError:

@@ -32,6 +32,11 @@ class OverwriteOption:
 
 
 @dataclass(frozen=True)
+class WorkOptions(WorkersOption, OverwriteOption):
+    """How a stage works that reads datasets and leaves files."""
+
+
+@dataclass(frozen=True)
 class ExecutorOptions(WorkersOption):
     """Where processes run."""
 
@@ -40,6 +45,9 @@ class ExecutorOptions(WorkersOption):
     )
     executor_address: str | None = option(
         None, "address of a running Dask cluster; without it, one is started for the run"
+    )
+    executor_wait: int = option(
+        600, "most seconds to wait for the first worker of that cluster", at_least=1
     )
 
 

@@ -89,7 +89,9 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
     )
     device: str = option(
-        "auto", "device of the networks: auto, cpu, cuda", one_of=("auto", "cpu", "cuda")
+        "auto",
+        "device of the networks: auto (a GPU if there is one), cpu, cuda",
+        one_of=("auto", "cpu", "cuda"),
     )
     threads: int | None = option(
         None, "CPU threads of the networks (all cores)", at_least=1, at_most=1_000

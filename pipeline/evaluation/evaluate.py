@@ -1,12 +1,10 @@
 """The stage `evaluate`: evaluate a policy, print its results and write them to `results.json`.
 
-The policy is the one of a run, whose folder gets the file, or any policy named by `policy=`, which
+The policy is the one of a job, whose folder gets the file, or any policy named by `policy=`, which
 gets the folder `<run_dir>/<config>/<name>`. Nothing is selected or trained here.
 """
 
 from __future__ import annotations
-
-from pathlib import Path
 
 import numpy as np
 
@@ -16,17 +14,18 @@ from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
 from pipeline.config.stage import Job
-from pipeline.evaluation.named import INSTEAD, Judged, judge_named
+from pipeline.evaluation.named import INSTEAD, OTHER_RUNS, Judged, judge_named
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
+from pipeline.machinery.folders import within
 
 ATTEMPTS = "attempts"
 """The folder of animated GIFs, inside the folder of the results."""
 
 
 def run(job: Job[EvaluateOptions]) -> None:
-    """Evaluate the policy of a run, or the one that `policy` names.
+    """Evaluate the policy of a job, or the one that `policy` names.
 
     Raises:
         ConfigError: The policy or the device does not exist, or an option is not allowed.
@@ -42,19 +41,21 @@ def run(job: Job[EvaluateOptions]) -> None:
         judged = judge_trained(job)
     path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
     overwrite = job.options.overwrite
-    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=INSTEAD)
+    instead = INSTEAD if job.options.policy else OTHER_RUNS
+    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=instead)
     if job.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
-        written = _show(judged, folder, job.options.evaluation.gifs, job.dataset.seed)
-        say(f"{folder} has {written} animated GIFs.")
+        pictures = _pictures(judged, job.options.evaluation.gifs, job.dataset.seed)
+        leave(within(path.parent, ATTEMPTS), pictures, overwrite=overwrite)
+        say(f"{folder} has {len(pictures)} animated GIFs.")
     say(f"{judged.about.name}\n{judged.results.tables()}\n")
     for part in judged.results.legend():
         say_once(part)
     say(str(path))
 
 
-def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
-    """Write GIFs of `count` episodes in test, or in the first split evaluated; unsolved ones first.
+def _pictures(judged: Judged, count: int, seed: int) -> dict[str, bytes]:
+    """Return GIFs of episodes in test, or in the first split evaluated; unsolved ones first.
 
     Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
@@ -68,5 +69,4 @@ def _show(judged: Judged, folder: Path, count: int, seed: int) -> int:
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
-    leave(folder, pictures)
-    return len(chosen)
+    return pictures

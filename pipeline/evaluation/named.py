@@ -29,7 +29,7 @@ from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import manifest_of
 
-INSTEAD = "choose another evaluation.name"
+INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
 
 class Judged(NamedTuple):
@@ -105,7 +105,9 @@ def judge_named(job: Job[EvaluateOptions]) -> Judged:
 
 def require_free(path: Path, key: Key, job: Job[EvaluateOptions]) -> None:
     """Raise a DatasetError if results may not be written to `path`."""
-    Sums.read(path.parent).require_free({path.name: b""}, key, job.options.overwrite, INSTEAD)
+    overwrite, instead = job.options.overwrite, INSTEAD if job.options.policy else OTHER_RUNS
+    own = Sums.read(path.parent, overwrite=overwrite)
+    own.require_free({path.name: b""}, key, overwrite, instead)
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:
@@ -130,7 +132,7 @@ def named_policy(name: str) -> Any:
 
     Raises:
         ConfigError: The module or the name does not exist, or a folder is given with a revision.
-        DatasetError: The policy of a run, or a published one, cannot be read.
+        DatasetError: The policy of a job, or a published one, cannot be read.
         PolicyError: The module, the class or the function raises an error.
     """
     if ":" not in name:

@@ -9,7 +9,6 @@ from labyrinth_core.data.dataset import locate, require_unchanged
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import Description, TrainedRun
 from labyrinth_core.evaluation.evaluate import judge, way_of
@@ -17,7 +16,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.pictures.vector import tile_count
-from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.policies.networks.network import usual_defaults
+from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import check
 from pipeline.config.options import source_of
 from pipeline.config.stage import Job
@@ -26,12 +27,13 @@ from pipeline.evaluation.named import Judged, require_free
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import manifest_of
-from pipeline.training.checkpoint import options_of, read_policy, require_same
+from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
 from pipeline.training.methods.method import find
-from pipeline.training.record import read_record, training_versions
-from pipeline.training.train import choose_device, loader_of, spec_of
+from pipeline.training.record import training_versions
+from pipeline.training.train import choose_device, identify, loader_of, spec_of
 
 
+@usual_defaults()
 def judge_trained(job: Job[EvaluateOptions]) -> Judged:
     """Evaluate the policy of a run on its own dataset or on `evaluate_on`; return its results.
 
@@ -42,25 +44,22 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
             ones, its dataset has changed since, or a dataset or a split is missing.
     """
     folder, options = training_folder(job), job.options
-    record = read_record(folder)
+    record = read_run(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
     device, about = choose_device(options), record["run"]
-    method, settings = find(options.method_name, about["settings"], about["protocol"])
-    _, asked = find(options.method_name, about["settings"] | options.method, about["protocol"])
+    named = identify(job, about["settings"], about["fingerprint"])
+    another = ": move it elsewhere, or replace it with stages=train overwrite=true"
+    require_same(f"{folder} was trained", without_place(about), without_place(named), another)
+    method, settings = find(options.method_name, about["settings"], options.protocol)
+    _, asked = find(options.method_name, about["settings"] | options.method, options.protocol)
     advice = ": leave the option out, or train with it first"
     require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
     spec = spec_of(job)
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
-    weights = file_sha256(folder / POLICY)
-    if weights != record["files"].get(POLICY):
-        raise DatasetError(
-            f"{folder / POLICY} is damaged: its sha256 is not the one in {RECORD}; stages=train "
-            "makes it again"
-        )
     judged_on = elsewhere(job) if options.evaluate_on else job
-    manifest = manifest_of(judged_on)
+    manifest = manifest_of(judged_on, judged_on.options.train_labyrinths)
     config, fingerprint = manifest.config, manifest.fingerprint
     if judged_on is job and fingerprint != about["fingerprint"]:
         raise DatasetError(
@@ -86,7 +85,7 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
         learnt=learnt,
         blind=True,
     )
-    require_unchanged(source_of(judged_on), config.name, fingerprint)
+    require_unchanged(source_of(judged_on), config.name, fingerprint, judged_on.options.revision)
     as_tried = None
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
@@ -103,7 +102,7 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
         evaluated={
             "device": device.type,
             "versions": training_versions(),
-            "weights": weights,
+            "weights": record["files"][POLICY],
         },
         references_know=None if learnt is None else about["fingerprint"],
         as_tried=as_tried,

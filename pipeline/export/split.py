@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core import load_episodes
+from labyrinth_core.data.dataset import require_unchanged
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
@@ -80,11 +81,13 @@ class Split:
             return "a uniformly random policy"
         if config.noise:
             return f"a shortest route, erring with probability {config.noise}"
-        return {
-            "shortest": "a shortest route",
-            "all_shortest": "every shortest route",
-            "all": "every simple route",
-        }[config.solutions]
+        if config.solutions == "shortest":
+            return "a shortest route"
+        kind = "simple" if config.solutions == "all" else "shortest"
+        every = f"every {kind} route"
+        if any(shard.cut for shard in self.manifest.of(self.name)):
+            every += f", at most {config.solutions_limit:,} per labyrinth"
+        return every
 
     def record(self) -> dict[str, Any]:
         """Return the origin of the export in plain types; equal records mean equal exports."""
@@ -112,7 +115,8 @@ class Split:
         """Yield the episodes in order, with a progress bar.
 
         Raises:
-            DatasetError: They cannot be read, or their number differs from the manifest.
+            DatasetError: They cannot be read, their number differs from the manifest, or the
+                dataset was replaced after its manifest was read.
         """
         found = load_episodes(
             self.source,
@@ -121,6 +125,9 @@ class Split:
             image_size=self.image_size,
             revision=self.revision,
         )
+        # From here on the shards are compared with the manifest that was read just now.
+        config, fingerprint = self.manifest.config.name, self.manifest.fingerprint
+        require_unchanged(self.source, config, fingerprint, self.revision)
         steps = ((len(episode) + 1, episode) for episode in found)
         number = 0
         for episode in tracked(steps, self.name, self.rows):

@@ -40,16 +40,19 @@ def run(job: Job[ExportStageOptions]) -> None:
     write = _writer(asked.format)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(job)
+    whole = []
     for split in splits:  # Check all of them before writing the first.
-        is_whole(Sums.read(root / split.id), split.key, ("*",), overwrite, INSTEAD)
-    for split in splits:
-        _export(split, root / split.id, write, job)
+        there = Sums.read(root / split.id, overwrite=overwrite)
+        whole.append(is_whole(there, split.key, ("*",), overwrite, INSTEAD))
+    for split, is_there in zip(splits, whole, strict=True):
+        state = "is there already" if is_there else _export(split, root / split.id, write, job)
+        say(f"{root / split.id} {state}")
 
 
 def _export(
     split: Split, target: Path, write: Callable[[Split, Path], None], job: Job[ExportStageOptions]
-) -> None:
-    """Export a split to a folder, unless the export is there already."""
+) -> str:
+    """Export a split to a folder, unless it is there already, and return what the folder has."""
     overwrite = job.options.overwrite
     try:
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
@@ -62,8 +65,10 @@ def _export(
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.
         reason = getattr(error, "strerror", None) or one_line(error)
+        if "unable to lock file" in reason:  # By HDF5, as on some network drives.
+            reason += "; without locks: set HDF5_USE_FILE_LOCKING=FALSE in the environment"
         raise DatasetError(f"{target} cannot be written: {reason}") from error
-    say(f"{target} {'is there already' if made is None else f'has {split.count:,} episodes'}")
+    return "is there already" if made is None else f"has {split.count:,} episodes"
 
 
 def _writer(format_: str) -> Callable[[Split, Path], None]:

@@ -68,7 +68,7 @@ Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
 
 
 def run(job: Job[BuildOptions], **sizes: Any) -> None:
-    """Build the dataset of a run, or a part of it, or complete a finished dataset.
+    """Build the dataset of a job, or a part of it, or complete a finished dataset.
 
     This makes its damaged or missing files again, or adds the labyrinths and shifts to grow by.
 
@@ -114,7 +114,7 @@ def build(
         if there is not None and there.config == job.dataset:
             try:
                 _mend(job, workplace, there, plan_of)
-            finally:  # Another run, with other options, may have been stopped here.
+            finally:  # Another job, with other options, may have been stopped here.
                 if workplace.is_for(job.dataset) or not workplace.has_begun:
                     workplace.clear()
             return there if job.options.numbers is None else None
@@ -127,8 +127,11 @@ def build(
         recount = job.options.overwrite and workplace.is_for(job.dataset)
         workplace.prepare(job.dataset, parts=parts, overwrite=recount)
     # Each part has its own lock, because parts are made at the same time.
-    with held(job.data_dir, f"{job.dataset.name}.part-{part}-of-{parts}"):
-        shards = _made(job, plan_of(there)[0][part % parts :: parts])
+    with held(job.data_dir, f"{job.dataset.name}.part-{part}-of-{parts}") as is_locked:
+        jobs = plan_of(there)[0][part % parts :: parts]
+        if is_locked:
+            workplace.tidy({name for job in jobs for name in (job.path.name, job.sidecar.name)})
+        shards = _made(job, jobs)
     say(
         f"part={part}/{parts} of {job.folder} is finished, {count(len(shards), 'shard')}: when all "
         "parts are, run the same command without part to join them."
@@ -137,7 +140,7 @@ def build(
 
 
 def _there(job: Job[BuildOptions]) -> Manifest | None:
-    """Return the manifest of the dataset in the folder of a run, None if there is no dataset.
+    """Return the manifest of the dataset in the folder of a job, None if there is no dataset.
 
     The dataset has the same options; or it has fewer labyrinths or shifts, and grows. A dataset in
     an object store, where files are not replaced all at once, cannot grow.
@@ -145,7 +148,7 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
     folder = job.folder
     if not (folder / MANIFEST).is_file():
         return None
-    manifest = Manifest.read(folder)
+    manifest = Manifest.read(folder, renamed=True)  # The message below names what differs.
     there, asked = manifest.config, job.dataset
     differing = "; ".join(
         f"{there.given(each.name)}, not {asked.given(each.name)}"

@@ -24,6 +24,7 @@ from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+from labyrinth_core.language.collection import is_litter
 from pipeline.config.options import WorkersOption
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
@@ -46,7 +47,6 @@ from pipeline.generation.table import (
 )
 from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
-from pipeline.machinery.artifact import is_litter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map

@@ -9,16 +9,16 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain, groupby, pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.errors import one_line, readable
 from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.rows import BATCH_ROWS, readable
+from labyrinth_core.data.rows import BATCH_ROWS, values_of
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
@@ -27,9 +27,6 @@ from pipeline.generation.labyrinths import Solution, labyrinth_and_parent, solve
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row
 from pipeline.generation.shifts import Train
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 
 @dataclass(frozen=True)
@@ -86,17 +83,19 @@ class Remade(NamedTuple):
 
 def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
     """Yield the rows of a file up to the first with a null, which is added to `problems`."""
+    import pyarrow.compute as pc
+
     first = 0
     # A row group is read at once, unless it has very many rows.
     batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
     for batch in chain.from_iterable(batches):
-        values = ("obs", "actions", "rewards", "episode_starts")
-        columns = [*(batch[name].to_pylist() for name in values), _texts(batch["info"])]
+        obs = (pc.struct_field(batch["obs"], name) for name in ("bytes", "path"))
+        plain = (batch[name] for name in ("actions", "rewards", "episode_starts", "info"))
+        columns = [values_of(column) for column in (*obs, *plain)]
         del batch  # It holds the pictures a second time.
         rows = zip(*columns, strict=True)
-        for number, (obs, action, paid, starts, info) in enumerate(rows, start=first):
-            picture = obs or {"bytes": None, "path": None}
-            row = Row(picture["bytes"], picture["path"], action, paid, starts, info, b"")
+        for number, (picture, path, action, paid, starts, info) in enumerate(rows, start=first):
+            row = Row(picture, path, action, paid, starts, info, b"")
             if None in row:
                 missing = next(name for name, value in row._asdict().items() if value is None)
                 column = missing.removesuffix("_path")
@@ -104,15 +103,6 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
                 return
             yield row
         first += len(columns[0])
-
-
-def _texts(column: pa.DictionaryArray) -> list[str | None]:
-    """Return the texts of a dictionary-encoded column; equal texts are one object.
-
-    The text of a labyrinth of 250x250 has half a megabyte, and hundreds of rows share it.
-    """
-    values = [*column.dictionary.to_pylist(), None]
-    return [values[-1 if place is None else place] for place in column.indices.to_pylist()]
 
 
 def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:

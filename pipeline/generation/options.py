@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from pipeline.config.errors import check
 from pipeline.config.option import option
 from pipeline.config.options import (
-    OverwriteOption,
     ResultsFolderOption,
     RunFolderOption,
     WorkersOption,
+    WorkOptions,
 )
 from pipeline.config.stage import Job, Stage
 
@@ -20,7 +20,7 @@ DESCRIBE = "stages=validate,analyse,card", "check every row and describe the dat
 
 
 @dataclass(frozen=True)
-class BuildOptions(WorkersOption, OverwriteOption, RunFolderOption, ResultsFolderOption):
+class BuildOptions(WorkOptions, RunFolderOption, ResultsFolderOption):
     """How much of a dataset is built, on what, and where files may refer to it."""
 
     grow: bool = option(

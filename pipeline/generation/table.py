@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_file
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_groups
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -114,11 +114,8 @@ def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:
     Raises:
         DatasetError: The table is missing or damaged.
     """
-    import pyarrow.parquet as pq
-
-    with table_file(folder, manifest) as path, pq.ParquetFile(path) as file:
-        batches = file.iter_batches(columns=["structure_id"])
-        return np.concatenate([_numbers(batch[0].to_pylist()) for batch in batches])
+    groups = table_groups(folder, manifest, ["structure_id"])
+    return np.concatenate([_numbers(group["structure_id"].to_pylist()) for group in groups])
 
 
 def table_facts(folder: AnyPath, first: int, count: int) -> Facts:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,9 +22,10 @@ from labyrinth_core.data.storage import (
     temporaries,
     write_text,
 )
-from pipeline.machinery.artifact import HASHES, Sums, differences, is_litter, named
+from labyrinth_core.language.collection import is_litter
+from pipeline.machinery.artifact import HASHES, Sums, differences, named
 from pipeline.machinery.dataset import build_versions
-from pipeline.machinery.folders import followed, move_into_place, recover, remove
+from pipeline.machinery.folders import followed, move_into_place, recover, remove, within
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -45,12 +46,13 @@ class Workplace:
     @property
     def building(self) -> AnyPath:
         """The folder of the configuration and of the sidecars of finished shards."""
-        return self.folder.parent / f".{self.folder.name}.building"
+        return within(self.folder.parent, f".{self.folder.name}.building")
 
     @property
     def shards(self) -> AnyPath:
         """The folder in which shards are made; in a store, which cannot rename, the final one."""
-        return self.folder if isinstance(self.folder, RemotePath) else self.building / "shards"
+        is_remote = isinstance(self.folder, RemotePath)
+        return self.folder if is_remote else within(self.building, "shards")
 
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
@@ -64,7 +66,7 @@ class Workplace:
         if not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file: move it, or choose another data_dir")
         recorded = self._recorded()
-        others = [p for p in self.folder.iterdir() if p.name not in recorded or not p.is_file()]
+        others = [p for p in self.folder.iterdir() if p.name not in recorded or _is_folder(p)]
         _refuse(self.folder, others)
 
     def _recorded(self) -> set[str]:
@@ -72,15 +74,21 @@ class Workplace:
 
         The manifest lists the files of the dataset, SHA256SUMS those that stages left beside them.
         In a store, once a build has begun, all shards are the build's own: it would not have begun
-        beside other files.
+        beside other files. Beside a damaged manifest, which only `overwrite=true` replaces, all
+        files with the names of a dataset's files count as listed.
         """
-        own = Sums.read(self.folder)
+        own = Sums.read(self.folder, overwrite=True)
         names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
-        with suppress(DatasetError):
-            manifest = Manifest.read(self.folder)
+        all_shards = isinstance(self.folder, RemotePath) and self.has_begun
+        try:
+            manifest = Manifest.read(self.folder, renamed=True)
             names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
-        if isinstance(self.folder, RemotePath) and self.has_begun:
+        except DatasetError:
+            if (self.folder / MANIFEST).is_file():
+                names.add(MANIFEST)
+                all_shards = True
+        if all_shards:
             there = {path.name for path in self.folder.iterdir()}
             names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
         return names
@@ -132,7 +140,7 @@ class Workplace:
             self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
         if isinstance(self.shards, Path):  # From runs that were killed while they wrote it.
-            for path in temporaries(self.shards / MANIFEST):
+            for path in temporaries(self.shards, [MANIFEST]):
                 path.unlink()
 
     def begin(self, config: DatasetConfig) -> None:
@@ -141,10 +149,16 @@ class Workplace:
             return
         self.building.mkdir(parents=True, exist_ok=True)
         if isinstance(self.building, Path):
-            unfinished = temporaries(self.building / _CONFIG)
+            unfinished = temporaries(self.building, [_CONFIG])
             others = [path for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
         self._write(_content(config))
+
+    def tidy(self, names: Collection[str]) -> None:
+        """Remove what killed processes left of files in `building`; no other process makes them."""
+        if isinstance(self.building, Path):
+            for unfinished in temporaries(self.building, names):
+                remove(unfinished)
 
     def _write(self, content: Mapping[str, Any]) -> None:
         write_text(self.building / _CONFIG, json.dumps(content))
@@ -231,6 +245,11 @@ class Workplace:
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
     """Return everything that determines the shards of a build, and the number of its parts."""
     return {**config.to_json(), **build_versions(), "parts": parts}
+
+
+def _is_folder(path: AnyPath) -> bool:
+    """Return whether a path is a folder itself; a link is removed without what it leads to."""
+    return path.is_dir() and not (isinstance(path, Path) and path.is_symlink())
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:

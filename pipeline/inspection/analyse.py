@@ -11,8 +11,8 @@ import hashlib
 import json
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -20,15 +20,16 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Column, Table
 
 from labyrinth_core.data.dataset import why_unavailable
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.rows import readable
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.stage import Job
+from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content
 from pipeline.inspection.leakage import (
     NEAR,
@@ -45,6 +46,7 @@ from pipeline.inspection.shift import PERMUTATIONS, compare
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import console, say
+from pipeline.machinery.folders import within
 
 FORMAT = 1
 """The format of `analysis.json`."""
@@ -55,7 +57,7 @@ LEAKS_SHOWN = 10
 
 
 def run(job: Job[AnalyseOptions]) -> None:
-    """Analyse the dataset of a run, or the external dataset in `leakage.source`.
+    """Analyse the dataset of a job, or the external dataset in `leakage.source`.
 
     Raises:
         DatasetError: The dataset is missing or damaged.
@@ -90,7 +92,7 @@ def _analyse(job: Job[AnalyseOptions]) -> Iterator[str]:
     text = _as_text(content).encode()
     leave(folder, {ANALYSIS: text}, overwrite=job.options.overwrite)
     yield from _leaks(leakage, {})
-    yield f"{folder / ANALYSIS} has near-twins and tests of shift."
+    yield f"Wrote {folder / ANALYSIS} (near-duplicates, tests of shift)."
 
 
 def read_contents(
@@ -131,7 +133,8 @@ def _analyse_elsewhere(source: str, job: Job[AnalyseOptions]) -> Iterator[str]:
         "files": found.files,
     }
     name = _name_of(source, config)
-    leave(job.data_dir / FOLDER, {name: _as_text(content).encode()})
+    place = within(job.data_dir, FOLDER)
+    leave(place, {name: _as_text(content).encode()}, overwrite=job.options.overwrite)
     path = job.data_dir / FOLDER / name
     console.print(_table(leakage, with_routes=not found.structures_alone))
     yield from _leaks(leakage, found.files)
@@ -163,7 +166,7 @@ def _as_text(content: Mapping[str, Any]) -> str:
 
 
 def _table(leakage: Leakage, *, with_routes: bool) -> Table:
-    walls = [f"{walls} wall{'s' * (walls > 1)}" for walls in NEAR]
+    walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
     headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
     table = Table(
         "splits",
@@ -178,7 +181,7 @@ def _table(leakage: Leakage, *, with_routes: bool) -> Table:
         counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
         counts += [each.within(walls) for walls in NEAR]
         table.add_row(
-            f"{pair.first}\n{pair.second}",
+            f"{pair.first}, {pair.second}",
             *(f"{count:,}" for count in counts),
             f"{len(each.same_route):,}" if with_routes else "-",
             each.spread(of),
@@ -193,9 +196,21 @@ def _leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator
         yield "Leakage:"
         yield from found
     else:
-        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
+        yield "Leakage: no structure is in two splits, and none is repeated."
+        yield f"Mirrored with start and goal kept: none.{_turned(leakage)}"
     if leakage.cut:
         yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+
+def _turned(leakage: Leakage) -> str:
+    """Say how many structures of each split are rotated or reflected ones of another split."""
+    found: dict[str, list[str]] = {}
+    for each in leakage.pairs:
+        if each.symmetric:
+            counts = found.setdefault(each.pair.first, [])
+            counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
+    told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in found.items())
+    return f"\nTurned: {told}." if found else " Turned: none."
 
 
 def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
@@ -248,18 +263,23 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     path = Path(source).expanduser()
     if path.is_file() and not is_collection(path):
         raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
-    rows = path.is_dir() and any(file.suffix == ".parquet" for file in files_in(path))
+    files = files_in(path) if path.is_dir() else []
+    rows = any(file.suffix == ".parquet" for file, _ in files)
     if path.is_file() or (path.is_dir() and not rows):
         found = _in_files(path)
         if found.splits:
             return found
         if found.problems or path.is_file():
             raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
+    if rows:  # `datasets` reads it without limits.
+        with suppress(FileNotFoundError):
+            front_matter.read_any(path / "README.md")
     # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
-    return Elsewhere(splits, {}, (), config)
+    problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
+    return Elsewhere(splits, {}, problems, config)
 
 
 def _in_files(path: Path) -> Elsewhere:
@@ -302,7 +322,7 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     limit_silence()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (*UNAVAILABLE, LookupError, yaml.YAMLError) as error:  # `datasets` looks up names.
+    except (*UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
         reason = why_unavailable(source, error)
         if isinstance(error, yaml.YAMLError):
             reason = f"{source}: the front matter of its README.md cannot be read"
@@ -310,7 +330,8 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
             reason = source
         raise DatasetError(f"{reason}: {one_line(error)}") from error
     if config is None and (default := next(iter(splits.values())).config_name) != "default":
-        say(f"{source}: default config {default}; leakage.config selects another.")
+        named = printable_line(f"{source}: default config {default}")  # Named in its README.md.
+        say(f"{named}; leakage.config selects another.")
         config = default
     return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
 
@@ -318,7 +339,10 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
 def _infos(source: str, stream: Any) -> Iterator[str]:
     with readable(source):
         tables = stream.with_format("arrow").iter(batch_size=256)
-        for info in chain.from_iterable(table["info"].to_pylist() for table in tables):
-            if not isinstance(info, str):
-                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
-            yield info
+        for table in tables:
+            if "info" not in table.column_names:
+                raise DatasetError(f"{source} has no column info")
+            for info in table["info"].to_pylist():
+                if not isinstance(info, str):
+                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+                yield info

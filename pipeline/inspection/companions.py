@@ -61,7 +61,7 @@ class Companion:
         folder = data_dir / self.config(manifest.config.name)
         if not (folder / MANIFEST).is_file():
             return None
-        found = Manifest.read(folder, has_table=False)
+        found = Manifest.read(folder, companion=self.suffix)
         shifts, rows = found.config.shifts, self.shards(manifest, found.config)
         same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
             (shard.path, shard.fingerprint) for shard in rows

@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
+import io
 import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
+from pathlib import Path
 from typing import Any
 
 import yaml
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.language.source_text import printable_line
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
 
@@ -28,6 +32,12 @@ TABLE_SPLIT = "labyrinths"
 LICENCE = "mit"
 """The default licence of a dataset, as the Hub spells it."""
 
+MOST_TEXT, MOST_FRONT = 1 << 24, 1 << 18
+"""The most characters of a README.md and of its front matter, which PyYAML reads in 3 s."""
+MOST_VALUES, DEEPEST, LONGEST_NUMBER = 50_000, 20, 100
+"""The most values of a front matter, with its aliases written out; the most levels of nesting; and
+the most characters of a number or date."""
+
 _FENCE = "---\n"
 BEGIN = "<!-- labyrinth-datasets: from here to the end mark this text is generated -->"
 END = "<!-- labyrinth-datasets: end of the generated text; yours may stand around it -->"
@@ -37,7 +47,8 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
-    read_from = {f.name: Manifest.read(f) for f in folders if CONFIG_NAME.fullmatch(f.name)}
+    named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
+    read_from = {folder.name: Manifest.read(folder, renamed=True) for folder in named}
     # A copy under another name is not a config: its files would not be where the card says.
     manifests = [
         replace(manifest, companions=_companions_of(data_dir, manifest))
@@ -50,6 +61,18 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
 def _companions_of(data_dir: AnyPath, manifest: Manifest) -> dict[str, Manifest]:
     found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
     return {suffix: companion for suffix, companion in found.items() if companion is not None}
+
+
+def without_manifest(data_dir: AnyPath) -> list[Path]:
+    """Return the folders of a local folder that hold a dataset whose manifest is missing.
+
+    In a store, a dataset that is being built looks the same.
+    """
+    if not isinstance(data_dir, Path):
+        return []
+    folders = [file.parent for file in sorted(data_dir.glob(f"*/{TABLE}"))]
+    named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
+    return [folder for folder in named if not (folder / MANIFEST).exists()]
 
 
 def table_config(config: str) -> str:
@@ -197,22 +220,71 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     """Return the front matter of a README.md and the text below it; defaults without a file.
 
     Raises:
-        DatasetError: The README.md is not a dataset's.
+        DatasetError: The README.md is not a dataset's, or its front matter cannot be read.
     """
     try:
-        content = path.read_text(encoding="utf-8")
-    except FileNotFoundError:
+        values, text = read_any(path)
+    except FileNotFoundError as error:
+        if isinstance(path, Path) and path.is_symlink():
+            raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
-    except UnicodeDecodeError as error:
-        raise DatasetError(f"{path} is not UTF-8 text: choose another data_dir") from error
-    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
-    try:
-        values = yaml.safe_load(front) if content.startswith(_FENCE) and closing else None
-    except yaml.YAMLError:
-        values = None
+    except DatasetError as error:
+        raise DatasetError(f"{error}: correct it, or choose another data_dir") from error
     if not isinstance(values, dict) or not _are_ours(values.get("configs")):
         raise DatasetError(f"{path} is not the README of a dataset: choose another data_dir")
     return values, text
+
+
+def read_any(path: AnyPath) -> tuple[Any, str]:
+    """Return the values of the front matter of anyone's README.md, None without one, and the text.
+
+    Raises:
+        DatasetError: It cannot be read, or exceeds a limit.
+        FileNotFoundError: There is no README.md.
+    """
+    with io.TextIOWrapper(path.open("rb"), encoding="utf-8") as file:
+        try:
+            content = file.read(MOST_TEXT + 1)
+        except UnicodeDecodeError as error:
+            raise DatasetError(f"{path} is not UTF-8 text") from error
+    if len(content) > MOST_TEXT:
+        raise DatasetError(f"{path} has over {MOST_TEXT:,} characters")
+    front, closing, text = content.removeprefix(_FENCE).partition("\n" + _FENCE)
+    if not (content.startswith(_FENCE) and closing):
+        return None, content
+    try:
+        return _parsed(front), text
+    except (*MALFORMED, ArithmeticError, yaml.YAMLError) as error:  # PyYAML raises all of these.
+        told = isinstance(error, (ValueError, yaml.YAMLError))
+        reason = one_line(error) if told else "a value does not fit its type, or nests too deep"
+        if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+            line = error.problem_mark.line + 2  # Below the fence, counted from 1.
+            reason = f"line {line}: {' '.join(str(error.problem).split())}"
+        raise DatasetError(f"{path}: its front matter cannot be read ({reason:.200})") from error
+
+
+def _parsed(front: str) -> Any:
+    """Return the values of a front matter; its limits are checked before a value is made."""
+    if len(front) > MOST_FRONT:
+        raise ValueError(f"{len(front):,} characters, more than {MOST_FRONT:,}")
+    loader = yaml.SafeLoader(front)
+    root = loader.get_single_node()
+    values = 0
+    nodes = [] if root is None else [(root, 1)]
+    while nodes:
+        node, depth = nodes.pop()
+        values += 1
+        if values > MOST_VALUES or depth > DEEPEST:
+            raise ValueError(f"more than {MOST_VALUES:,} values, or nested deeper than {DEEPEST}")
+        if isinstance(node, yaml.ScalarNode):
+            node.value.encode()  # Raises for a surrogate, which no file can hold.
+            if node.tag != "tag:yaml.org,2002:str" and len(node.value) > LONGEST_NUMBER:
+                raise ValueError(f"a number of more than {LONGEST_NUMBER} characters")
+        else:
+            is_mapping = isinstance(node, yaml.MappingNode)
+            inner = chain.from_iterable(node.value) if is_mapping else node.value
+            nodes += [(each, depth + 1) for each in inner]
+    return None if root is None else loader.construct_document(root)
 
 
 def _are_ours(configs: object) -> bool:
@@ -226,9 +298,10 @@ def _are_ours(configs: object) -> bool:
 
 
 def licence_of(values: Mapping[str, Any]) -> str:
-    """Return the licence in a front matter; several are joined by commas."""
+    """Return the licence in a front matter, in one line; several are joined by commas."""
     licence = values.get("license") or LICENCE
-    return ", ".join(map(str, licence)) if isinstance(licence, list) else str(licence)
+    names = licence if isinstance(licence, list) else [licence]
+    return printable_line(", ".join(map(str, names)))
 
 
 def _text(manifests: list[Manifest]) -> str:

@@ -247,7 +247,8 @@ class Closeness:
     symmetric: Found
     """Labyrinths whose structure is in the first split, up to rotation or reflection."""
     same_route: Found
-    """Labyrinths with an optimal route that is also optimal in a labyrinth of the first split."""
+    """Labyrinths with an optimal route that is also optimal in a labyrinth of the first split,
+    demonstrated or not. A known route of `evaluate` is a part of a demonstrated one."""
     nearest: Mapping[str, tuple[str, int]]
     """Id -> id of the labyrinth with the nearest structure of its size, and the distance in walls.
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from pipeline.config.errors import check
 from pipeline.config.option import option
-from pipeline.config.options import OverwriteOption, WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 
 
@@ -24,7 +24,7 @@ class LeakageOptions:
 
 
 @dataclass(frozen=True)
-class AnalyseOptions(WorkersOption, OverwriteOption):
+class AnalyseOptions(WorkOptions):
     """What is analysed."""
 
     leakage: LeakageOptions = field(default_factory=LeakageOptions)

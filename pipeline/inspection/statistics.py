@@ -12,7 +12,7 @@ from functools import partial
 from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, read_json
 from labyrinth_core.evaluation.schema import (
     COUNT,
@@ -94,9 +94,13 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
         workers: The number of processes that read shards.
 
     Raises:
-        DatasetError: The folder has no finished dataset, or a dataset or an analysis is damaged.
+        DatasetError: The folder has no finished dataset, or a dataset, its manifest or its
+            analysis is missing or damaged.
     """
     manifests = front_matter.finished(data_dir)
+    if lacking := front_matter.without_manifest(data_dir):
+        advice = "move it away, and build it again if you want it back"
+        raise DatasetError(f"{lacking[0]} is a dataset without its {MANIFEST}: {advice}")
     if not manifests:
         raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
     datasets = []

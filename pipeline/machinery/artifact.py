@@ -1,11 +1,14 @@
 """Artifacts: folders that appear complete, and record their files and their inputs.
 
 `SHA256SUMS` lists the files that the program wrote ("ours"), in the format of `sha256sum -c`. Its
-comments hold the key: the inputs that determine the files. A file that is not listed, or has
-another hash, belongs to the user: the program does not overwrite, remove or publish it.
+comments hold the key, which is the inputs that determine the files, and, except in a release, a
+hash of the list itself. A file that is not listed, or has another hash, belongs to the user: the
+program does not overwrite, remove or publish it.
 
 `produced` makes a whole folder under a temporary name, and moves it to its place when it is
-finished. `leave` writes single files into a folder that is shared with the user.
+finished. `leave` writes single files into a folder that is shared with the user. A link to such a
+folder is followed. A link inside it is replaced itself if it has the name and the content of a file
+of ours; nothing is written or removed through it.
 """
 
 from __future__ import annotations
@@ -17,9 +20,10 @@ import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
-from typing import Any, TypeVar
+from typing import Any
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError
 from labyrinth_core.data.storage import (
@@ -32,8 +36,18 @@ from labyrinth_core.data.storage import (
     write_bytes,
     write_text,
 )
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
-from pipeline.machinery.folders import followed, held, move_into_place, recover, remove
+from pipeline.machinery.folders import (
+    Place,
+    followed,
+    held,
+    move_into_place,
+    recover,
+    remove,
+    within,
+)
 
 HASHES = "SHA256SUMS"
 """The name of the list."""
@@ -42,27 +56,15 @@ Key = Mapping[str, Any]
 """The inputs that determine an artifact, in JSON types."""
 
 _OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
-_LINE = re.compile(r"^([0-9a-f]{64})  (?!/|.*\.\./)(\S.*)$", re.MULTILINE)  # Only inside it.
-
-_LITTER = (
-    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory"),
-    *(".nfs*", ".fuse_hidden*"),
-    *(".ipynb_checkpoints", "cache-*.arrow"),
-)
-"""Patterns, in lower case, of files and folders that desktops, network file systems and readers
-(Jupyter, `datasets`) leave anywhere."""
+_ITSELF = "# sha256 of the lines below "
+_LINE = re.compile(r"^([0-9a-f]{64})  (?![/\\]|\w:|.*\.\.[/\\])(\S.*)$", re.M)  # Inside the folder.
+_KEY = re.compile(f"^{_MADE}(.*)$", re.M)
 
 _UNKNOWN = "0" * 64
 """Stands for the hash of a file in a store that is not made yet."""
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
 """A name from `temporary_beside`: a process was killed while it wrote the file."""
-
-
-def is_litter(path: str | PurePath) -> bool:
-    """Return whether a path relative to a folder matches `_LITTER`, files that no user misses."""
-    parts = [part.lower() for part in PurePath(path).parts]
-    return any(fnmatchcase(part, pattern) for part in parts for pattern in _LITTER)
 
 
 @dataclass(frozen=True)
@@ -76,27 +78,45 @@ class Sums:
     """The artifact's own files; without one of them it is damaged."""
     left: frozenset[tuple[str, str]] = frozenset()
     """Other files that stages have written there; during a replacement, old and new ones."""
+    is_damaged: bool = False
+    """Whether the list is damaged, so that it does not show which files the artifact has."""
 
     @classmethod
-    def read(cls, folder: AnyPath) -> Sums:
+    def read(cls, folder: AnyPath, *, overwrite: bool = False) -> Sums:
         """Read the list of a folder; without a list, no file is ours.
 
+        Args:
+            folder: The folder.
+            overwrite: Whether to use the readable lines of a damaged list, which is replaced.
+
         Raises:
-            DatasetError: Another program wrote the list.
+            DatasetError: The list is damaged, or another program wrote it.
         """
         path = folder / HASHES
         try:
             text = path.read_bytes().decode(errors="replace")
-        except (FileNotFoundError, NotADirectoryError):
+        except (FileNotFoundError, NotADirectoryError) as error:
+            if isinstance(path, Path) and path.is_symlink():
+                raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
             return cls(folder)
         parts = text.partition(f"{_LEFT}\n")[::2]
         made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
-        others = [line for line in _LINE.sub("", text).splitlines() if line]
-        keys = [line.removeprefix(_MADE) for line in others if line.startswith(_MADE)]
+        key = None
         with suppress(*MALFORMED):
-            if others[0] == _OURS:
-                return cls(folder, dict(json.loads(keys[0])) if keys else None, made, left)
-        raise DatasetError(f"{path} is another program's: move it away, or choose another folder")
+            key = next((dict(json.loads(each)) for each in _KEY.findall(text)), None)
+        found = cls(folder, key, made, left)
+        lines = sorted(found._text(with_hash=False).splitlines())
+        is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
+        if is_whole and text.endswith("\n") and (found.hashes or key):
+            return found
+        first = text[: len(_OURS)].strip("\0")
+        if not (_OURS.startswith(first) or get_close_matches(first, [_OURS])):
+            advice = "move it away, or choose another folder"
+            raise DatasetError(f"{path} is another program's: {advice}")
+        if not overwrite:
+            again = "the stage that made its files makes them again with overwrite=true"
+            raise DatasetError(f"{path} is damaged: {again}; or move {folder} away")
+        return replace(found, is_damaged=True)
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
@@ -107,11 +127,18 @@ class Sums:
 
     def write(self) -> None:
         """Write the list atomically."""
-        lines = [_OURS, *([] if self.key is None else [_MADE + json.dumps(self.key)])]
+        write_text(self.folder / HASHES, self._text())
+
+    def _text(self, *, with_hash: bool = True) -> str:
+        """Return the list, with a hash of itself; those of releases and old versions have none."""
+        lines = [] if self.key is None else [_MADE + json.dumps(self.key)]
         lines += [f"{digest}  {name}" for name, digest in sorted(self.made)]
         if self.left:
             lines += [_LEFT, *(f"{digest}  {name}" for name, digest in sorted(self.left))]
-        write_text(self.folder / HASHES, "".join(f"{line}\n" for line in lines))
+        rest = "".join(f"{line}\n" for line in lines)
+        if with_hash and (self.key is not None or self.left):
+            rest = f"{_ITSELF}{hashlib.sha256(rest.encode()).hexdigest()}\n{rest}"
+        return f"{_OURS}\n{rest}"
 
     @property
     def hashes(self) -> frozenset[tuple[str, str]]:
@@ -120,23 +147,25 @@ class Sums:
 
     def has(self, name: str) -> bool:
         """Return whether a file exists with a hash that is listed."""
-        path = self.folder / name
-        return path.is_file() and (name, file_sha256(path)) in self.hashes
+        return (name, _hash_of(self.folder / name)) in self.hashes
 
     def damaged(self) -> list[str]:
-        """Return the files in `made` that are missing or changed.
+        """Return the files in `made` that are missing or have another hash.
 
-        Files newer than the list are hashed; all are if stages left others, so rewrote the list.
+        In a store, where hashing means a download, a file older than the list is taken for whole,
+        unless stages left others there, so rewrote the list.
         """
-        listed = size_and_time(self.folder / HASHES)[1] if self.made else 0.0
-        may_be_older = {name for name, digest in self.made if not self.left and digest != _UNKNOWN}
+        listed = None
+        if isinstance(self.folder, RemotePath) and self.made and not self.left:
+            listed = size_and_time(self.folder / HASHES)[1]
 
-        def is_whole(name: str) -> bool:
+        def is_whole(name: str, digest: str) -> bool:
             path = self.folder / name
-            is_older = name in may_be_older and path.is_file() and size_and_time(path)[1] < listed
-            return is_older or self.has(name)
+            if listed is not None and digest != _UNKNOWN and path.is_file():
+                return size_and_time(path)[1] < listed or self.has(name)
+            return self.has(name)
 
-        return sorted({name for name, _ in self.made if not is_whole(name)})
+        return sorted(name for name, digest in self.made if not is_whole(name, digest))
 
     def strangers(self, ours: Sequence[str], instead: str) -> list[str]:
         """Return the names of the user's files in an artifact's folder; see `produced`.
@@ -160,12 +189,14 @@ class Sums:
     def others(self, files: Mapping[str, bytes]) -> list[str]:
         """Return the names in `files` that belong to existing files of the user."""
         known = replace(self, left=self.left | _hashes_of(files))
-        return [name for name in files if (self.folder / name).exists() and not known.has(name)]
+        return [n for n in files if _is_there(self.folder / n) and not known.has(n)]
 
     def require_free(
         self, files: Mapping[str, bytes], key: Key | None, overwrite: bool, instead: str
     ) -> None:
         """Raise DatasetError if `leave`, with these arguments, may not write the files."""
+        for name in files:
+            within(self.folder, *PurePath(name).parent.parts)
         if overwrite:
             return
         if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
@@ -173,18 +204,24 @@ class Sums:
             advice = f"{instead}, or give overwrite=true to replace it"
             raise DatasetError(f"{self.folder} {what}: {advice}")
         if others := self.others(files):
+            were_ours = {*others} <= {name for name, _ in self.hashes}
+            reason = "damaged or changed" if were_ours else "made or changed by someone else"
             raise DatasetError(
-                f"{named([str(self.folder / name) for name in others])}: made or changed by "
-                f"someone else, so not overwritten: move it away, or {instead}"
+                f"{named([str(self.folder / name) for name in others])}: {reason}, so not "
+                "overwritten: move it away, or give overwrite=true"
             )
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:
         """Return the temporary files of processes that were killed while writing these names."""
         if not isinstance(self.folder, Path):
             return []
-        return [path for name in names for path in temporaries(self.folder / name)]
+        paths = [self.folder / name for name in names]
+        found, parents = {path.name for path in paths}, {path.parent for path in paths}
+        return [path for parent in parents for path in temporaries(parent, found)]
 
-    def replace(self, files: Mapping[str, bytes], gone: Sequence[str] = ()) -> Sums:
+    def replace(
+        self, files: Mapping[str, bytes], gone: Sequence[str] = (), key: Key | None = None
+    ) -> Sums:
         """Write files, remove others, and return the new list for the caller to write.
 
         During the call, the list on disk names both old and new files.
@@ -192,21 +229,29 @@ class Sums:
         Args:
             files: The content of each file, by name.
             gone: The names of files to remove, if they are ours.
+            key: The new key of the folder; None to keep the old one.
+
+        Raises:
+            DatasetError: The folder of a file is a link; nothing is written.
         """
-        new = _hashes_of(files)
-        self.folder.mkdir(parents=True, exist_ok=True)
+        new, ours = _hashes_of(files), replace(self, key=key or self.key, is_damaged=False)
+        if self.is_damaged:
+            ours = replace(ours, made=frozenset(), left=self.hashes)
+        parents = {PurePath(name).parent for name in (*files, *gone)}
+        folders = [within(self.folder, *parent.parts) for parent in parents]
         for unfinished in self.unfinished([*files, HASHES]):
             unfinished.unlink()
-        replace(self, left=self.left | new).write()
+        for each in [self.folder, *folders]:
+            each.mkdir(parents=True, exist_ok=True)
+        replace(ours, left=ours.left | new).write()
         for name in filter(self.has, gone):
             (self.folder / name).unlink()
         for name, content in files.items():
-            path = self.folder / name
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_bytes(path, content)
-        made = frozenset(each for each in self.made if each[0] not in {*files, *gone})
-        kept = frozenset(each for each in self.left - new if self.has(each[0]))
-        return replace(self, made=made, left=kept | new)
+            write_bytes(self.folder / name, content)
+        made = frozenset(each for each in ours.made if each[0] not in {*files, *gone})
+        rest = ours.left - new
+        kept = frozenset(each for each in rest if _hash_of(self.folder / each[0]) == each[1])
+        return replace(ours, made=made, left=kept | new)
 
 
 def leave(
@@ -227,18 +272,15 @@ def leave(
         instead: Advice for the error message.
 
     Raises:
-        DatasetError: A user's file, or one with another key, is in the way; nothing is written.
+        DatasetError: A user's file, a link, or a file with another key is in the way; nothing is
+            written.
         OSError: The folder cannot be written.
     """
     place = folder.absolute() if isinstance(folder, Path) else folder
     with held(place.parent, place.name):
-        sums = Sums.read(folder)
+        sums = Sums.read(folder, overwrite=overwrite)
         sums.require_free(files, key, overwrite, instead)
-        sums = sums.replace(files)
-        replace(sums, key=key or sums.key).write()
-
-
-Place = TypeVar("Place", Path, AnyPath)
+        sums.replace(files, key=key).write()
 
 
 @contextmanager
@@ -264,23 +306,25 @@ def produced(
         names: The files without which the artifact is damaged, by default all that are made. For a
             store they must be given, and no other file may be made.
         ours: Patterns of names that the artifact may use. A user's files with other names stay.
-        overwrite: Whether to make the artifact even if it is complete or has another key.
+        overwrite: Whether to make the artifact even if it is complete, has another key, or has
+            files that were changed.
         instead: Advice for the error message.
 
     Raises:
-        DatasetError: A user's files would be lost, or an artifact with another key.
+        DatasetError: A user's files would be lost, or an artifact with another key; or a file was
+            damaged or changed.
         OSError: The folder cannot be written.
     """
     place: Any = followed(folder.absolute()) if isinstance(folder, Path) else folder
     with held(place.parent, place.name):
         if isinstance(place, Path):
             recover(place, mark)
-        there = Sums.read(folder)
+        there = Sums.read(folder, overwrite=overwrite)
         if is_whole(there, key, ours, overwrite, instead):
             yield None
             return
-        if damaged := there.damaged():
-            say(f"{folder} is made again, because damaged or missing: {named(damaged)}.")
+        if not overwrite and (missing := there.damaged()):
+            say(f"{folder} is made again, because missing: {named(missing)}.")
         if not isinstance(place, Path):
             _claim(there, mark, names)
             yield place
@@ -303,7 +347,13 @@ def produced(
 def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
     """Return whether an artifact is complete; raise DatasetError if `produced` would refuse."""
     there.require_free({}, key, overwrite, instead)
-    whole = bool(there.made) and not overwrite and not there.damaged()
+    lacking = [] if overwrite else there.damaged()
+    begun = {name for name, digest in there.made if digest == _UNKNOWN}
+    if changed := [n for n in lacking if n not in begun and _is_there(there.folder / n)]:
+        reason = "damaged or changed since it was made"
+        advice = f"give overwrite=true to make it again, or {instead}"
+        raise DatasetError(f"{there.folder} holds {named(changed)}, {reason}: {advice}")
+    whole = bool(there.made) and not overwrite and not lacking
     if not whole:
         there.strangers(ours, instead)
     return whole
@@ -312,6 +362,16 @@ def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instea
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
     """Return the name and the SHA-256 of each file."""
     return frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
+
+
+def _hash_of(path: AnyPath) -> str | None:
+    """Return the SHA-256 of a file; None if it does not exist."""
+    return file_sha256(path) if path.is_file() else None
+
+
+def _is_there(path: AnyPath) -> bool:
+    """Return whether a path exists, as a link that leads nowhere does."""
+    return path.exists() or (isinstance(path, Path) and path.is_symlink())
 
 
 def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
@@ -326,9 +386,9 @@ def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
 def differences(there: Key, asked: Key) -> str:
     """Return how two keys differ, such as `seed=3, not 4`; all of `there` if no name is shared."""
     if there and not there.keys() & asked.keys():
-        return "; ".join(f"{name}={value}" for name, value in there.items())
+        return printable_line("; ".join(f"{name}={value}" for name, value in there.items()))
     return "; ".join(
-        f"{name}={there.get(name)}, not {asked.get(name)}"
+        printable_line(f"{name}={there.get(name)}, not {asked.get(name)}")
         for name in {**asked, **there}
         if json.dumps(there.get(name)) != json.dumps(asked.get(name))
     )

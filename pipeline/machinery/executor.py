@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
+from pipeline.machinery.console import say
 from pipeline.machinery.ending import GOES_ON, ctrl_c_held_back, end_with_parent
 
 Item = TypeVar("Item")
@@ -29,9 +30,17 @@ class _Dask:
 
     address: str | None
     """The address of a running cluster; None to start one."""
+    wait: int
+    """The most seconds to wait for the first worker of a running cluster."""
     stack: ExitStack
     """Closing it ends the cluster."""
     processes: int = 0
+    client: Any = None
+
+    @property
+    def name(self) -> str:
+        """The options that choose the cluster."""
+        return f"executor=dask{f' executor_address={self.address}' if self.address else ''}"
 
     def provide(self, workers: int) -> None:
         """Start the cluster, or start it again, if it has fewer processes than `workers`."""
@@ -39,21 +48,35 @@ class _Dask:
             return
         self.stack.close()
         try:
-            client = _client(self.stack, workers, self.address)
+            self.client = _client(self.stack, workers, self.address)
         except (OSError, ValueError, RuntimeError) as error:
-            place = f" executor_address={self.address}" if self.address else ""
-            raise ConfigError(f"executor=dask{place}: {one_line(error):.300}") from error
+            raise ConfigError(f"{self.name}: {one_line(error):.300}") from error
         from joblib import parallel_config
 
-        self.stack.enter_context(parallel_config(backend="dask", client=client))
+        self.stack.enter_context(parallel_config(backend="dask", client=self.client))
         self.processes = workers
+
+    def wait_for_worker(self) -> None:
+        """Wait until the cluster has a worker; a cluster that adapts starts one for the probe."""
+        try:
+            if self.client.ncores():
+                return
+            say(f"waiting for a worker of {self.name} (at most executor_wait={self.wait} seconds)")
+            self.client.submit(os.getpid, pure=False).result(timeout=self.wait)
+        except TimeoutError as error:
+            reason = f"no worker came within executor_wait={self.wait} seconds"
+            raise ConfigError(f"{self.name}: {reason}: start workers, or wait longer") from error
+        except OSError as error:
+            raise ConfigError(f"{self.name}: {one_line(error):.300}") from error
 
 
 _cluster: ContextVar[_Dask | None] = ContextVar("cluster", default=None)
 
 
 @contextmanager
-def cluster(executor: str, workers: int, address: str | None = None) -> Iterator[None]:
+def cluster(
+    executor: str, workers: int, address: str | None = None, wait: int = 600
+) -> Iterator[None]:
     """Run every `ordered_map` within the context on an executor.
 
     A new cluster starts when there is work for it, with no more processes than items of work.
@@ -63,6 +86,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         workers: The maximum number of processes.
         address: The address of a running cluster to use instead. Its machines must have the
             dataset's folder at the same path.
+        wait: The most seconds to wait for the first worker of a running cluster.
 
     Raises:
         ConfigError: Dask is not installed, or its cluster cannot be reached.
@@ -76,7 +100,7 @@ def cluster(executor: str, workers: int, address: str | None = None) -> Iterator
         install = "pip install 'labyrinth-datasets[dask]'"
         raise ConfigError(f"executor=dask is not installed: {install}") from error
     with ExitStack() as stack:
-        there = _Dask(address, stack)
+        there = _Dask(address, wait, stack)
         if address is not None:
             there.provide(workers)
         token = _cluster.set(there)
@@ -132,7 +156,7 @@ def ordered_map(
             1 and no cluster, everything runs in this process.
 
     Raises:
-        ConfigError: The processes cannot be started.
+        ConfigError: The processes cannot be started, or no worker of the cluster came in time.
         DatasetError: A worker was lost.
     """
     if isinstance(items, Sized):
@@ -140,6 +164,7 @@ def ordered_map(
     there = _cluster.get()
     if there is not None and workers:
         there.provide(workers)
+        there.wait_for_worker()
     elif workers <= 1:
         yield from map(function, items)
         return
@@ -161,6 +186,8 @@ def ordered_map(
         with ctrl_c_held_back():  # It starts the processes.
             results = parallel(feed())
     except OSError as error:
+        if there:
+            raise ConfigError(f"{there.name}: {one_line(error):.300}") from error
         raise ConfigError(
             f"workers={workers}: processes cannot be started ({one_line(error):.200}): they need "
             "shared memory, /dev/shm on Linux, and a folder for temporary files"

@@ -10,13 +10,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from typing import TypeVar
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
-    file_at,
     locked,
     naming,
+    replaceable,
     replacing,
     temporaries,
     temporary_beside,
@@ -30,6 +32,8 @@ _COMPLETE = ".complete"
 """The suffix of a folder whose files are copied to a place that cannot be renamed. The folder is
 complete once it has its mark."""
 
+Place = TypeVar("Place", Path, AnyPath)
+
 _NOT_RENAMED = (errno.EXDEV, errno.EBUSY)
 """The errors of renaming a folder in a lower layer of a container, or a mount point."""
 
@@ -42,39 +46,46 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
 
     Args:
         path: The final place of the file, where it appears complete or not at all.
-        scratch: The folder of the temporary file, on the same disk as a local path. A process
-            that was given up may still write there while another makes the same file.
+        scratch: The folder of the temporary file, on the same disk as a local path. After a kill
+            it is one of the `temporaries` there. A process that was given up may still write there
+            while another makes the same file.
 
     Raises:
-        OSError: The file cannot be written, or something that is not a regular file is there.
+        OSError: The file cannot be written, or a folder or a device is there.
     """
-    target = file_at(path) if isinstance(path, Path) else path
-    if target != path:  # A link may lead to another disk.
-        scratch = target.parent
-    place = scratch.absolute() if isinstance(scratch, Path) else None
-    with tempfile.TemporaryDirectory(prefix=".labyrinth-", dir=place) as folder:
-        local = Path(folder) / path.name
-        with naming(target if isinstance(target, Path) else local):
+    if isinstance(path, RemotePath):
+        with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
+            local = Path(folder) / path.name
+            with naming(local):
+                yield local
+            path.upload(local)
+        return
+    local = temporary_beside(Path(str(scratch)).absolute() / path.name)
+    try:
+        with naming(path, local):
             yield local
-        if isinstance(target, Path):
-            local.replace(target)
-        else:
-            target.upload(local)
+            local.replace(replaceable(path))
+    finally:
+        local.unlink(missing_ok=True)
 
 
 @contextmanager
-def held(folder: AnyPath, name: str) -> Iterator[None]:
+def held(folder: AnyPath, name: str) -> Iterator[bool]:
     """Hold the lock of `folder / name`; if another process holds it, say so and wait.
 
-    Object stores and some file systems have no locks: there the context begins at once.
+    Object stores and some file systems have no locks: there the context begins at once. The
+    context gives whether the lock is held, so that what other processes left there is of dead ones.
 
     Args:
         folder: The folder, created if it does not exist; then removed if it is empty at the end.
         name: The file or folder to change. Temporary files of it, from killed processes, are
             removed.
+
+    Raises:
+        DatasetError: A file is in the place of the folder.
     """
     if isinstance(folder, RemotePath):
-        yield
+        yield False
         return
 
     def say_so() -> None:
@@ -87,18 +98,40 @@ def held(folder: AnyPath, name: str) -> Iterator[None]:
                 stack.callback(_remove_if_empty, each)
         with suppress(OSError):  # A folder that cannot be written is reported by the caller.
             folder.mkdir(parents=True, exist_ok=True)
+        if file := next((each for each in [folder, *folder.parents] if each.is_file()), None):
+            raise DatasetError(f"{file} is a file: move it, or choose another folder")
+        is_locked = False
         try:
             stack.enter_context(locked(folder / f".{name}.lock", say_so))
-            for left in temporaries(folder / name):
+            is_locked = True
+            for left in temporaries(folder, [name]):
                 remove(left)
         except OSError:  # Reported by the caller, or the file system has no locks.
             pass
-        yield
+        yield is_locked
 
 
 def _remove_if_empty(folder: Path) -> None:
     with suppress(OSError):
         folder.rmdir()
+
+
+def within(folder: Place, *names: str) -> Place:
+    """Return a folder inside a folder of ours, for files to be written to or removed from.
+
+    Args:
+        folder: The folder of ours, which may be a link.
+        names: The names of the folders on the way, and of the folder itself.
+
+    Raises:
+        DatasetError: One of them is a link: what is behind it is not ours.
+    """
+    for name in names:
+        folder = folder / name
+        if isinstance(folder, Path) and folder.is_symlink():
+            reason = "is a link, and nothing is written through it"
+            raise DatasetError(f"{folder} {reason}: put a folder in its place, or remove it")
+    return folder
 
 
 def followed(folder: Path) -> Path:
@@ -144,11 +177,11 @@ def move_into_place(made: Path, folder: Path, mark: str) -> None:
 
 def recover(folder: Path, mark: str) -> None:
     """Complete a folder that a crash in `move_into_place` left, or put the replaced one back."""
-    for complete in temporaries(folder, _COMPLETE):
+    for complete in temporaries(folder.parent, [folder.name], _COMPLETE):
         if (complete / mark).exists():
             _copy(complete, folder, mark)
         remove(complete)
-    for replaced in temporaries(folder, _REPLACED):
+    for replaced in temporaries(folder.parent, [folder.name], _REPLACED):
         if folder.exists():
             remove(replaced)
         else:

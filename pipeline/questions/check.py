@@ -7,10 +7,10 @@ from functools import partial
 from itertools import chain, zip_longest
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line, readable
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import check_file, check_footer, readable
+from labyrinth_core.data.rows import check_file, check_footer
 from labyrinth_core.data.storage import AnyPath, local_copy
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of

@@ -1,6 +1,6 @@
 """The stage `questions`."""
 
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Stage
 
-STAGES = {"questions": Stage("pipeline.questions.stage", WorkersOption)}
+STAGES = {"questions": Stage("pipeline.questions.stage", WorkOptions)}

@@ -15,7 +15,7 @@ from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import produced
@@ -35,7 +35,7 @@ WRITER_OPTIONS = {
 }
 
 
-def run(job: Job[WorkersOption]) -> None:
+def run(job: Job[WorkOptions]) -> None:
     """Write the questions about the dataset of a run, unless they are there already.
 
     Raises:
@@ -47,17 +47,18 @@ def run(job: Job[WorkersOption]) -> None:
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
     found = COMPANION.of(job.data_dir, manifest)
     is_other = found is None or found.config != manifest.config  # Then replace it.
+    overwrite = is_other or job.options.overwrite
     about = COMPANION.shards(manifest, manifest.config)
     names = [MANIFEST, *(shard.path for shard in about)]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
-    with produced(folder, key, overwrite=is_other, **rules) as made:
+    with produced(folder, key, overwrite=overwrite, **rules) as made:
         state = "is there already" if made is None else _make(job, manifest, made)
     with held(job.data_dir, "README.md"):
         front_matter.update(job.data_dir)
     say(f"{folder} {state}.")
 
 
-def _make(job: Job[WorkersOption], manifest: Manifest, folder: AnyPath) -> str:
+def _make(job: Job[WorkOptions], manifest: Manifest, folder: AnyPath) -> str:
     """Write the questions about a dataset to a folder; return a phrase with their number."""
     about = COMPANION.shards(manifest, manifest.config)
     write = partial(_write, job.folder, folder)

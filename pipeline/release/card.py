@@ -18,7 +18,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
@@ -69,14 +69,15 @@ _BOUNDS = ("1K", "10K", "100K", "1M", "10M", "100M", "1B", "10B", "100B", "1T")
 """The bounds of the Hub's size categories: thousand, ten thousand and so on."""
 
 
-def run(job: Job[WorkersOption]) -> None:
+def run(job: Job[WorkOptions]) -> None:
     """Write the card of the data_dir of a run.
 
     Raises:
         DatasetError: As for `write_card`.
         OSError: The folder cannot be written.
     """
-    datasets = write_card(job.data_dir, workers=job.options.workers)
+    options = job.options
+    datasets = write_card(job.data_dir, workers=options.workers, overwrite=options.overwrite)
     say(f"{job.data_dir / README} describes {', '.join(dataset.name for dataset in datasets)}.")
 
 
@@ -85,6 +86,7 @@ def write_card(
     release: Release | None = None,
     *,
     workers: int = 1,
+    overwrite: bool = False,
     first: Callable[[], None] = lambda: None,
 ) -> list[DatasetStatistics]:
     """Write the card of all finished datasets of a folder, and return their statistics.
@@ -96,22 +98,27 @@ def write_card(
         data_dir: The folder.
         release: The release, if the card is for one.
         workers: The number of processes that read shards.
+        overwrite: Whether to replace files that no card wrote, or that changed since.
         first: Called after reading the datasets, before writing anything; it may raise.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
-            or the README.md or SHA256SUMS is not ours.
+            the README.md or SHA256SUMS is not ours or damaged, or a folder in it is a link.
         OSError: The folder cannot be written.
     """
     with held(data_dir, README):
-        return _write_card(data_dir, release or Release(), workers, first)
+        return _write_card(data_dir, release or Release(), workers, overwrite, first)
 
 
 def _write_card(
-    data_dir: AnyPath, release: Release, workers: int, first: Callable[[], None]
+    data_dir: AnyPath,
+    release: Release,
+    workers: int,
+    overwrite: bool,
+    first: Callable[[], None],
 ) -> list[DatasetStatistics]:
     values, text = front_matter.read(data_dir / README)
-    own = Sums.read(data_dir)
+    own = Sums.read(data_dir, overwrite=overwrite)
     versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
     datasets = _without_leaks(data_dir, workers)
     manifests = [dataset.manifest for dataset in datasets]
@@ -127,14 +134,15 @@ def _write_card(
     for kind in companions():
         if own_companions := beside(manifests, kind):
             files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
-    others = own.others(files)
+    others = [] if overwrite else own.others(files)
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
     first()
     write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
     if others:
-        say(f"Not written, because no card wrote them, or they changed since: {', '.join(others)}.")
+        reason = "because no card wrote them, or they were damaged or changed since"
+        say(f"Not written, {reason}; overwrite=true replaces them: {', '.join(others)}.")
     return datasets
 
 

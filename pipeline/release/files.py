@@ -41,20 +41,36 @@ def files_of_companions() -> list[str]:
 
 def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
     """Return the paths in a folder of all files of its finished datasets and their card."""
-    data_dir = own.folder
-    pictures = pictures_of([manifest.config.name for manifest in manifests])
-    names = [README, *filter(own.has, (CHANGELOG, CITATION, CROISSANT, *files_of_companions()))]
-    names += [HASHES, *filter(own.has, pictures)]
+    names = [README, HASHES, *filter(own.has, _written_by_card(manifests))]
     for manifest in manifests:
-        files = [MANIFEST, *(shard.path for shard in manifest.shards), TABLE]
-        if read_analysis(data_dir / manifest.config.name, manifest):
-            files.append(ANALYSIS)
-        names += [f"{manifest.config.name}/{name}" for name in files]
+        name = manifest.config.name
+        names += [f"{name}/{ANALYSIS}"] * bool(read_analysis(own.folder / name, manifest))
+    return [name for name in [*names, *_data(manifests)] if (own.folder / name).is_file()]
+
+
+def card_files(data_dir: Path) -> list[str]:
+    """Return the paths of the files in a folder that a card reads or writes, whoever made them."""
+    manifests = front_matter.finished(data_dir)
+    names = [README, HASHES, *_written_by_card(manifests), *_data(manifests)]
+    names += [f"{m.config.name}/{name}" for m in manifests for name in (ANALYSIS, HASHES)]
+    return [name for name in names if (data_dir / name).is_file()]
+
+
+def _written_by_card(manifests: Sequence[Manifest]) -> list[str]:
+    """Return the paths of the files that only the stage `card` writes."""
+    pictures = pictures_of([manifest.config.name for manifest in manifests])
+    return [CHANGELOG, CITATION, CROISSANT, *files_of_companions(), *pictures]
+
+
+def _data(manifests: Sequence[Manifest]) -> Iterator[str]:
+    """Yield the paths of the manifests, shards and tables of datasets and of their companions."""
+    for manifest in manifests:
+        shards = (shard.path for shard in manifest.shards)
+        yield from (f"{manifest.config.name}/{name}" for name in (MANIFEST, *shards, TABLE))
         for kind in companions():
             for folder, companion in beside([manifest], kind).items():
                 shards = (shard.path for shard in companion.shards)
-                names += [f"{folder}/{name}" for name in (MANIFEST, *shards)]
-    return [name for name in names if (data_dir / name).is_file()]
+                yield from (f"{folder}/{name}" for name in (MANIFEST, *shards))
 
 
 def left_out(data_dir: Path, published: Sequence[str]) -> Iterator[str]:

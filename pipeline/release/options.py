@@ -12,7 +12,7 @@ from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RELEASED, ExportOptions
 from pipeline.config.option import check_options, option
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions, check_training
 
@@ -56,7 +56,7 @@ class PublishOptions:
 
 
 @dataclass(frozen=True)
-class PublishStageOptions(TrainingOptions, WorkersOption):
+class PublishStageOptions(TrainingOptions, WorkOptions):
     """What is published, and the run and the export that are meant."""
 
     publish: PublishOptions = field(default_factory=PublishOptions)
@@ -70,7 +70,7 @@ class PublishStageOptions(TrainingOptions, WorkersOption):
         return str(self.dataset), self.revision
 
 
-def _check_card(job: Job[WorkersOption], stages: Sequence[str]) -> None:
+def _check_card(job: Job[WorkOptions], stages: Sequence[str]) -> None:
     if job.names_dataset and "build" not in stages:
         job.require_dataset()
 
@@ -130,14 +130,14 @@ def _after_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> tupl
     return () if publish.dry_run or not lines else ("\n".join(lines),)
 
 
-def _after_card(job: Job[WorkersOption], stages: Sequence[str]) -> tuple[str, ...]:
+def _after_card(job: Job[WorkOptions], stages: Sequence[str]) -> tuple[str, ...]:
     if "build" not in stages:
         return ()
     return LEARN if isinstance(job.data_dir, RemotePath) else LOOK
 
 
 STAGES = {
-    "card": Stage("pipeline.release.card", WorkersOption, _check_card, next_step=_after_card),
+    "card": Stage("pipeline.release.card", WorkOptions, _check_card, next_step=_after_card),
     "publish": Stage(
         "pipeline.release.publish",
         PublishStageOptions,

@@ -9,8 +9,6 @@ completes an interrupted release, or prints that the release is done.
 from __future__ import annotations
 
 import logging
-import os
-import shutil
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager, nullcontext
@@ -30,7 +28,7 @@ from pipeline.release.card import write_card
 from pipeline.release.derived import KINDS as EXPORTS
 from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
-from pipeline.release.files import files_of, left_out
+from pipeline.release.files import card_files, files_of, left_out
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.options import PublishOptions, PublishStageOptions
 from pipeline.release.remote import (
@@ -103,10 +101,11 @@ def _dataset(job: Job[PublishStageOptions], remote: Remote) -> None:
 
 @contextmanager
 def _carded(job: Job[PublishStageOptions], remote: Remote) -> Iterator[Path]:
-    """Yield the folder with the card of the release; for a dry run, a temporary copy of it."""
+    """Yield the folder with the card of the release; for a dry job, a temporary copy of it."""
     options = job.options.publish
     release = Release(options.repo_id, options.version, options.export or None)
-    card = partial(write_card, release=release, workers=job.options.workers)
+    workers, overwrite = job.options.workers, job.options.overwrite
+    card = partial(write_card, release=release, workers=workers, overwrite=overwrite)
     if not options.dry_run:
         # The repository comes before the card is written, as the token may not be allowed to.
         card(job.local_dir, first=partial(remote.create, private=options.private))
@@ -114,16 +113,11 @@ def _carded(job: Job[PublishStageOptions], remote: Remote) -> Iterator[Path]:
         return
     with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
         folder = Path(temporary)
-        # Shards are linked, as they are only read; writing to a link would change its target.
-        shutil.copytree(
-            job.local_dir.resolve(),
-            folder,
-            copy_function=lambda file, copy: (
-                os.symlink if Path(file).suffix == ".parquet" else shutil.copyfile
-            )(file, copy),
-            dirs_exist_ok=True,
-            ignore=shutil.ignore_patterns(".*"),  # A build, or a lock.
-        )
+        # Links are enough: the files are read, and the card replaces links, not their targets.
+        for name in card_files(job.local_dir):
+            link = folder / name
+            link.parent.mkdir(exist_ok=True)
+            link.symlink_to((job.local_dir / name).resolve())
         try:
             card(folder)
         except DatasetError as error:
@@ -151,7 +145,7 @@ def _release(
     # Before the card is written, which could describe a version that is already taken.
     if not (exists and _is_published(folder, remote, options)):
         with staged as ready:
-            _commit_and_tag(ready, remote, options, exists)
+            _commit_and_tag(ready, folder, remote, options, exists)
     if options.dry_run:
         return
     if tag := remote.kind.newest_tag:
@@ -190,8 +184,17 @@ def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool
     return True
 
 
-def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exists: bool) -> None:
-    """Commit, verify and tag a folder; in a dry run, only print the plan.
+def _commit_and_tag(
+    folder: Path, source: Path, remote: Remote, options: PublishOptions, exists: bool
+) -> None:
+    """Commit, verify and tag a folder; in a dry job, only print the plan.
+
+    Args:
+        folder: The folder with the files of the release.
+        source: The user's folder, in which other files may be.
+        remote: The repository.
+        options: The options of the release.
+        exists: Whether the repository exists.
 
     Raises:
         PublishError: The Hub refuses, or does not hold afterwards what was sent.
@@ -207,7 +210,7 @@ def _commit_and_tag(folder: Path, remote: Remote, options: PublishOptions, exist
             f"({', '.join(plan.others[:3])}): rename or delete them there, or choose another id"
         )
     # The folders of the other kinds hold only files to publish.
-    if remote.kind is DATASET and (others := list(left_out(folder, list(files)))):
+    if remote.kind is DATASET and (others := list(left_out(source, list(files)))):
         say(f"not part of the release, and not published: {', '.join(others)}.")
     _print_plan(plan, remote, options, exists)
     if options.dry_run:

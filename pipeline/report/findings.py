@@ -17,9 +17,8 @@ from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
-from labyrinth_core.language.collection import files_in
+from labyrinth_core.evaluation.results import Results, results_in, submissions_in
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, by_labyrinth
 from pipeline.config.training import SUBMISSIONS
 from pipeline.machinery.console import say
 
@@ -104,9 +103,11 @@ def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
     """Yield the submitted results, without those that `stages=results` copied there."""
-    for path in files_in(results_dir / SUBMISSIONS) if results_dir else ():
+    for path, reason in submissions_in(results_dir / SUBMISSIONS) if results_dir else ():
         try:
-            if path.suffix == ".json" and path.read_bytes() not in others:
+            if reason:
+                raise DatasetError(f"{path}: {reason}")
+            if path.read_bytes() not in others:
                 yield Results.load(path, of)
         except DatasetError as error:
             say(f"left out: {error}")
@@ -129,15 +130,15 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     splits = {}
     for split in shown:
         scores = [run.splits[split] for run in runs]
-        solved = np.concatenate([np.atleast_2d(each.episodes.solved) for each in scores])
-        weighted = np.concatenate([np.atleast_2d(each.weighted) for each in scores])
+        solved = np.stack([by_labyrinth(each.episodes.solved) for each in scores])
+        weighted = np.stack([by_labyrinth(each.weighted) for each in scores])
         by_all = set.intersection(*(set(each.failed) for each in scores))
         splits[split] = {
             "spl": mean(each.spl for each in scores),
             "spl_interval": interval(weighted),
             "sr_within_cells": mean(each.sr_within_cells for each in scores),
             "sr": float(solved.mean()),
-            "sr_interval": interval(solved.astype(np.float64)),
+            "sr_interval": interval(solved),
             "aer": mean(each.aer for each in scores),
             "aer_std": mean(float(each.episodes.returns.std()) for each in scores),
             **_named([number for number in scores[0].failed if number in by_all]),

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkersOption
+from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
 from pipeline.config.stage import Job, Stage
 
 
 @dataclass(frozen=True)
-class ReportOptions(WorkersOption, RunFolderOption, ResultsFolderOption):
+class ReportOptions(WorkOptions, RunFolderOption, ResultsFolderOption):
     """Where the runs and results of a report are."""
 
 

@@ -22,6 +22,7 @@ from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
+from pipeline.machinery.folders import within
 from pipeline.report.findings import read_results
 from pipeline.report.options import ReportOptions
 from pipeline.report.packing import PackedSplit, pack
@@ -58,13 +59,19 @@ def run(job: Job[ReportOptions]) -> None:
     run_dir, results_dir = (
         Path(folder).expanduser() for folder in (job.options.run_dir, job.options.results_dir)
     )
-    page = write_report(job.local_dir, run_dir, results_dir, workers=job.options.workers)
+    workers, overwrite = job.options.workers, job.options.overwrite
+    page = write_report(job.local_dir, run_dir, results_dir, workers=workers, overwrite=overwrite)
     megabytes = page.stat().st_size / 1e6
     say(f"{page} ({megabytes:.1f} MB) opens in any browser.")
 
 
 def write_report(
-    data_dir: Path, run_dir: Path, results_dir: Path | None = None, *, workers: int = 1
+    data_dir: Path,
+    run_dir: Path,
+    results_dir: Path | None = None,
+    *,
+    workers: int = 1,
+    overwrite: bool = False,
 ) -> Path:
     """Write the report on all finished datasets of a folder, and return its page.
 
@@ -73,10 +80,11 @@ def write_report(
         run_dir: The folder of the runs trained on them; it need not exist.
         results_dir: The folder with submitted results, if any.
         workers: The number of processes that read shards.
+        overwrite: Whether to replace a page that someone else made or changed.
 
     Raises:
-        DatasetError: There is no dataset; a dataset, its analysis or an evaluation is damaged; or
-            someone else made or changed the page.
+        DatasetError: There is no dataset; a dataset, its analysis or an evaluation is damaged;
+            someone else made or changed the page; or its folder is a link.
         OSError: The folder cannot be written.
     """
     found = statistics_of(data_dir, "report", workers)
@@ -88,8 +96,8 @@ def write_report(
         datasets.append(describe(of, packed, limit))
     manifests = [of.manifest for of in found]
     html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
-    folder = data_dir / FOLDER
-    leave(folder, {PAGE: html.encode()})
+    folder = within(data_dir, FOLDER)
+    leave(folder, {PAGE: html.encode()}, overwrite=overwrite)
     return folder / PAGE
 
 

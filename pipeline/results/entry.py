@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
+from math import fsum
 from typing import Any
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.description import Description, TrainedRun
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import by_labyrinth, return_interval
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.method import METHODS
 from pipeline.machinery.markdown import count
@@ -56,8 +58,8 @@ class Entry:
     compared: bool = False
     """Whether the dataset was available, so that the results were checked against it."""
     rank: int | None = None
-    """One plus the number of entries whose whole SPL interval is above this entry's; None without
-    figures on `RANKED_BY`, and for an entry that was not checked."""
+    """One plus the number of entries whose whole SPL interval is above this entry's; None if it was
+    not checked, or solves nothing on `RANKED_BY` or was not evaluated there."""
 
     @property
     def config(self) -> str:
@@ -117,12 +119,11 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
     how many episodes succeed for each length of the shortest route, such as `8: 3 of 5`.
     """
     scores = [each.splits[split] for each in group]
-    returns = np.concatenate([np.atleast_2d(each.episodes.returns) for each in scores])
     outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
     values = {
-        "spl": np.concatenate([np.atleast_2d(each.weighted) for each in scores]),
+        "spl": np.stack([by_labyrinth(each.weighted) for each in scores]),
         "sr": solved_in(group, split),
-        "aer": returns,
+        "aer": np.stack([by_labyrinth(each.episodes.returns) for each in scores]),
     }
     figures: dict[str, Any] = {
         name: _mean(getattr(each, name) for each in scores)
@@ -130,7 +131,8 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
     }
     figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
     for name, each in values.items():
-        figures[f"{name}_low"], figures[f"{name}_high"] = interval(each)
+        bounds = return_interval(each) if name == "aer" else interval(each)
+        figures[f"{name}_low"], figures[f"{name}_high"] = bounds
     figures |= {name: float((outcomes == name).mean()) for name in FAILURES}
     counted = [each.by_distance for each in scores]
     lengths = (
@@ -146,14 +148,13 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
 
 
 def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
-    """Return 1 for each solved labyrinth, else 0, shape (seeds, labyrinths)."""
-    solved = [np.atleast_2d(each.splits[split].episodes.solved) for each in group]
-    return np.concatenate(solved).astype(np.float64)
+    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
+    return np.stack([by_labyrinth(each.splits[split].episodes.solved) for each in group])
 
 
 def _mean(values: Iterable[float | None]) -> float | None:
     defined = [value for value in values if value is not None]
-    return sum(defined) / len(defined) if defined else None
+    return fsum(defined) / len(defined) if defined else None
 
 
 def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
@@ -169,7 +170,8 @@ def boards(entries: Iterable[Entry]) -> list[list[Entry]]:
 
 def _ranked(entries: Sequence[Entry]) -> list[Entry]:
     """Rank the entries of one dataset, and return them in order."""
-    checked = [each for each in entries if each.compared and RANKED_BY in each.figures]
+    solving = (each for each in entries if each.figures.get(RANKED_BY, {}).get("spl"))
+    checked = [each for each in solving if each.compared]
     lows: list[float] = [each.figures[RANKED_BY]["spl_low"] for each in checked]
 
     def rank(entry: Entry) -> int | None:

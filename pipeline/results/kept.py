@@ -11,8 +11,8 @@ from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
-from labyrinth_core.language.collection import files_in
+from labyrinth_core.evaluation.results import Results, results_in, submissions_in
+from labyrinth_core.language.source_text import printable_line
 from pipeline.config.errors import check
 from pipeline.config.options import source_of
 from pipeline.config.stage import Job
@@ -111,13 +111,16 @@ Copies = Mapping[str, tuple[Path, Results]]
 """Name in `results_dir` -> the file in `run_dir` to copy there, and its results."""
 
 
-def gather(run_dir: Path, results_dir: Path, available: Available) -> tuple[Copies, list[str]]:
+def gather(
+    run_dir: Path, results_dir: Path, available: Available, overwrite: bool
+) -> tuple[Copies, list[str]]:
     """Return the results in `run_dir` that are to be copied, and why each other file is refused.
 
-    Nothing is copied yet. If a file is refused, its earlier copy stays.
+    Nothing is copied yet. If a file is refused, its earlier copy stays. With `overwrite`, copies
+    replace files that were made or changed by someone else.
 
     Raises:
-        DatasetError: `results_dir` has a SHA256SUMS of another program.
+        DatasetError: The SHA256SUMS of `results_dir` is damaged, or another program's.
     """
     refused, copies = [], {}
     for path in results_in(run_dir):
@@ -130,10 +133,11 @@ def gather(run_dir: Path, results_dir: Path, available: Available) -> tuple[Copi
         kind = SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
-    for name in Sums.read(results_dir).others(files):
+    own = Sums.read(results_dir, overwrite=overwrite)
+    for name in () if overwrite else own.others(files):
         refused.append(
             f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "
-            "else; move it away"
+            "else; move it away, or give overwrite=true"
         )
         del copies[name]
     return copies, refused
@@ -150,11 +154,12 @@ def read_all(
     runs: dict[Path, Results] = {}
     submissions: list[Results] = []
     named: dict[tuple[str, str, str], str] = {}
-    refused = []
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = files_in(results_dir / SUBMISSIONS)
-    for path in sorted({*new, *of_runs, *(path for path in submitted if path.suffix == ".json")}):
+    submitted = submissions_in(results_dir / SUBMISSIONS)
+    refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
+    files = (path for path, reason in submitted if not reason)
+    for path in sorted({*new, *of_runs, *files}):
         is_run = path.is_relative_to(results_dir / RUNS)
         place = (path.parent.name, path.stem) if is_run else None
         try:
@@ -199,6 +204,15 @@ def _require_own_name(
         raise DatasetError(f"{path} is refused: {reason}")
 
 
+def of_equal_weights(runs: Mapping[Path, Results]) -> list[list[Path]]:
+    """Return each group of runs with the same weights, which are one policy under several names."""
+    groups: dict[str, list[Path]] = {}
+    for path, results in runs.items():
+        if weights := run_of(results).evaluated["weights"]:
+            groups.setdefault(weights, []).append(path)
+    return [paths for paths in groups.values() if len(paths) > 1]
+
+
 def comparable(runs: Mapping[Path, Results]) -> list[Results]:
     """Check that runs can be compared, and sort them by config, setup, method and seed.
 
@@ -226,7 +240,8 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
         # A setting that only one of them has is newer, and has no effect by default.
         common = [name for name in mine if name in others and mine[name] != others[name]]
         if common:
-            differing = ", ".join(f"{name}={mine[name]} and {others[name]}" for name in common)
+            pairs = (f"{name}={mine[name]} and {others[name]}" for name in common)
+            differing = printable_line(", ".join(pairs))
             raise DatasetError(
                 f"{path} and {other} have different settings, {differing}, so they cannot "
                 "be averaged: remove one, or choose another results_dir"

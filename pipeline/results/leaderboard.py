@@ -16,25 +16,30 @@ LEADERBOARD = "leaderboard.md"
 MARK = "†"
 """Marks an entry that was not checked against the dataset, and so has no rank."""
 
-ABOUT = f"""# Leaderboard
+HEADING = f"""# Leaderboard
 
-Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on.
+Methods ranked by SPL on `{RANKED_BY}`, whose structures no method trains on: [how to read
+it](#how-to-read-it).
+"""
+
+ABOUT = f"""## How to read it
+
 {WHY_SPL}
-
-A rank is one more than the number of methods whose interval of SPL lies wholly above. Methods whose
-intervals overlap are not claimed to differ. Ranks compare these policies: the intervals of a few
-seeds are too narrow to predict another seed. `README.md` tests whether methods differ over seeds,
-by exchanging runs. At 0% or 100% the interval is empty; do not read it as certainty.
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, in percent. SR:
 share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
-cells. AER: average episodic return, ± its standard deviation. Path efficiency: moves on a shortest
-route divided by moves taken, in percent, averaged over solved episodes. In brackets: 95% bootstrap
-intervals over labyrinths, and over seeds or episodes if there are several.
+cells. n: the labyrinths of `{RANKED_BY}`. AER: average episodic return, ± its standard deviation.
+Path efficiency: moves on a shortest route divided by moves taken, in percent, averaged over solved
+episodes. In brackets: 95% intervals over labyrinths, and over seeds if there are several. The
+interval of one seed says how this policy does on other labyrinths, not how another seed does.
+
+A rank is one more than the number of methods whose interval of SPL lies wholly above. Methods whose
+intervals overlap are not claimed to differ; `README.md` tests whether they differ over seeds, by
+exchanging runs. A method that solves nothing has no rank. {MARK}: the dataset was not available, so
+the outcomes are unchecked and the method has no rank.
 
 All figures are computed from the outcome and the moves of each episode. The training data of a
-method are as its authors state them; an empty cell is not stated. {MARK}: the dataset was not
-available, so the outcomes are unchecked and the method has no rank.
+method are as its authors state them; an empty cell is not stated.
 
 `leaderboard.csv` has the same figures. `labyrinth-datasets stages=results` makes both files from
 `runs/` and `submissions/`.
@@ -53,20 +58,18 @@ COLUMNS = (
 
 def leaderboard(boards: Sequence[Sequence[Entry]]) -> dict[str, str]:
     """Return the text of `leaderboard.md` and of `leaderboard.csv`, by name."""
-    parts = [ABOUT]
+    parts = [HEADING]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
+    parts.append(ABOUT)
     rows = (row for entries in boards for entry in entries for row in _rows(entry))
     return {LEADERBOARD: "\n".join(parts), "leaderboard.csv": as_csv(COLUMNS, rows)}
 
 
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:
-    """Yield the heading and the tables of one dataset."""
+    """Yield the heading and the tables of one dataset, the ranks first."""
     yield f"## {entries[0].config}"
-    yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
-    yield f"On {RANKED_BY}:"
-    heading = ["rank", "method", "by", *_FIGURES, "labyrinths"]
-    yield table(heading, map(_place, entries), "rllrrrrrr")
+    yield table(["rank", "method", "SPL", "SR", "n"], map(_place, entries), "rlrrr")
     yield "On all splits:"
     held = {split for each in entries for split in each.figures}
     # The usual splits first, then the others in the order of the dataset.
@@ -74,8 +77,9 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     rows = (row for each in entries for row in _by_split(each, splits))
     yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
     yield "What they have learnt from, and how they were evaluated:"
-    heading = ["method", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
-    yield table(heading, map(_effort, entries), "ll" + "r" * len(DETAILS) + "rlrll")
+    heading = ["method", "by", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
+    yield table(heading, map(_effort, entries), "lll" + "r" * len(DETAILS) + "rlrll")
+    yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
 
 
 _FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
@@ -84,8 +88,10 @@ _FIGURES = ("SPL", "SR within n x n", "SR", "AER", "path efficiency")
 def _place(entry: Entry) -> list[str]:
     mine = entry.figures.get(RANKED_BY)
     rank = "" if entry.rank is None else str(entry.rank)
-    figures = [""] * 6 if mine is None else [*_cells(mine), f"{mine['labyrinths']:,}"]
-    return [rank, _name(entry, linked=True), plain(entry.about.author), *figures]
+    figures = [""] * 3
+    if mine is not None:
+        figures = [*(percent_cell(mine, name) for name in ("spl", "sr")), f"{mine['labyrinths']:,}"]
+    return [rank, _name(entry, linked=True), *figures]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
@@ -112,7 +118,7 @@ def _effort(entry: Entry) -> list[str]:
     details = (f"{about.details[name]:,}" if name in about.details else "" for name in DETAILS)
     evaluated = [str(len(entry.results)), plain(first.observation), str(first.episodes)]
     return [
-        *(_name(entry), plain(about.budget), *details),
+        *(_name(entry), plain(about.author), plain(about.budget), *details),
         *(*evaluated, plain(first.version), about.date),
     ]
 

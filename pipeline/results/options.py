@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, SourceOptions
+from pipeline.config.options import (
+    OverwriteOption,
+    ResultsFolderOption,
+    RunFolderOption,
+    SourceOptions,
+)
 from pipeline.config.stage import Stage
 
 
 @dataclass(frozen=True)
-class ResultsOptions(SourceOptions, RunFolderOption, ResultsFolderOption):
+class ResultsOptions(SourceOptions, RunFolderOption, ResultsFolderOption, OverwriteOption):
     """Where results are read and written, and the dataset that they are checked against."""
 
 

@@ -21,7 +21,7 @@ from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import Available, comparable, gather, read_all
+from pipeline.results.kept import RUNS, Available, comparable, gather, of_equal_weights, read_all
 from pipeline.results.leaderboard import LEADERBOARD, leaderboard
 from pipeline.results.options import ResultsOptions
 from pipeline.results.paper import title_of
@@ -47,7 +47,8 @@ def run(job: Job[ResultsOptions]) -> None:
         Path(folder).expanduser() for folder in (job.options.run_dir, job.options.results_dir)
     )
     available = Available(job)
-    copies, refused = gather(run_dir, results_dir, available)
+    overwrite = job.options.overwrite
+    copies, refused = gather(run_dir, results_dir, available, overwrite)
     found, submissions, also_refused = read_all(results_dir, copies, available)
     refused += also_refused
     if not (found or submissions or refused):
@@ -62,18 +63,22 @@ def run(job: Job[ResultsOptions]) -> None:
             f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
         )
     if copies:
-        leave(results_dir, {name: path.read_bytes() for name, (path, _) in copies.items()})
+        files = {name: path.read_bytes() for name, (path, _) in copies.items()}
+        leave(results_dir, files, overwrite=overwrite)
     entries = entries_of([*comparable(found), *submissions], available.has)
     methods = [each for each in entries if each.results[0].run is not None]
     texts = leaderboard(boards(entries))
     if methods or Sums.read(results_dir).has("results.csv"):
         texts = tables(methods) | texts
-    leave(results_dir, {name: text.encode() for name, text in texts.items()})
+    leave(results_dir, {name: each.encode() for name, each in texts.items()}, overwrite=overwrite)
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             console.print(overview(list(of_config)))
         say_once(LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
+    for paths in of_equal_weights(found):
+        names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)
+        say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
     for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")

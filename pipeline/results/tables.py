@@ -41,10 +41,10 @@ ABOUT = f"""# Results
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged. SR: share of solved
 labyrinths. Both are in percent, with one greedy episode per labyrinth. Figures of several seeds are
-means; in brackets, 95% bootstrap intervals over seeds and labyrinths. `SR in the paper`: Tables 3
-to 5 of the supplement, which have no SPL and do not name the encoder; {MARK} marks impossible
-cells, in which even the shortest routes would return less than the printed average return and SR
-imply.
+means; in brackets, 95% intervals over labyrinths, and over seeds if there are several. `SR in the
+paper`: Tables 3 to 5 of the supplement, which have no SPL and do not name the encoder; {MARK} marks
+impossible cells, in which even the shortest routes would return less than the printed average
+return and SR imply.
 
 `results.csv` has the same figures, and returns (AER), SR within n x n steps, SR on known and on new
 routes, path efficiency, accuracies, reasons for failure, and successes by the length of a shortest
@@ -61,8 +61,8 @@ COLUMNS = (
 """The columns of `results.csv`."""
 
 ABOUT_SIZES = f"""\
-Interquartile mean of SR on {RANKED_BY} over sizes and seeds, with an interval over seeds. It says
-nothing about other labyrinths, so it does not rank methods.
+Interquartile mean of SR on {RANKED_BY} over sizes and seeds: the lowest and the highest quarter of
+the runs are left out. It has no interval, and does not rank methods.
 """
 
 
@@ -155,11 +155,10 @@ def across_sizes(methods: Sequence[Entry]) -> Iterator[str]:
     rows = []
     for (task, setup, method), by_size in groups.items():
         if len(by_size) > 1:
-            runs = [len(each) for each in by_size.values()]
-            mean, low, high = (100 * each for each in interquartile_mean([*by_size.values()]))
-            told = f"{mean:.1f}" + f" [{low:.1f}, {high:.1f}]" * (max(runs) > 1)
+            runs = np.concatenate([*by_size.values()])
+            middle = f"{100 * interquartile_mean(runs):.1f}"
             name = plain(" ".join(part for part in (setup, task) if part))
-            rows.append([name, name_of(method), ", ".join(by_size), str(sum(runs)), told])
+            rows.append([name, name_of(method), ", ".join(by_size), str(len(runs)), middle])
     if rows:
         yield "## All sizes\n"
         yield ABOUT_SIZES

@@ -11,21 +11,23 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import read_json, temporaries
+from labyrinth_core.evaluation.description import is_day
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.stage import Job
 from pipeline.generation.build import build
 from pipeline.generation.options import BuildOptions
 from pipeline.machinery.dataset import build_versions
+from pipeline.season.files import private_folder, require_regular
 from pipeline.season.options import SeasonStageOptions
 
 PREFIX = b"labyrinth season, seed, version 1\n"
@@ -35,6 +37,13 @@ SECRET_BYTES = 32
 LEAST = 16
 """The minimum number of labyrinths: fewer could be guessed and checked against published hashes.
 16 of the 192 or more structures of a size can be ordered in more ways than there are seeds."""
+
+MOST_ROWS = 10**9
+"""The maximum number of rows that a season may need: a stranger's season must not fill the disk of
+those who verify it. A thousand labyrinths of 5x5 may need half a million."""
+
+MOST_BYTES = 1 << 24
+"""The size limit of `season.json` and `judged.json`, in bytes."""
 
 _HASH = Text(r"[0-9a-f]{64}")
 _SHAPE = {
@@ -111,14 +120,11 @@ class Season:
     @classmethod
     def of(cls, name: str, date: str, secret: bytes, manifest: Manifest) -> Season:
         """Return the commitment to a secret and its dataset."""
-        counts = Counter[str]()
-        for shard in manifest.shards:
-            counts[shard.split] += shard.labyrinths
         return cls(
             name=name,
             date=date,
             config=without_seed(manifest.config),
-            labyrinths=dict(counts),
+            labyrinths=labyrinths_of(manifest),
             secret_sha256=hashlib.sha256(secret).hexdigest(),
             fingerprint=manifest.fingerprint,
             shards={shard.path: shard.sha256 for shard in manifest.shards},
@@ -129,23 +135,47 @@ class Season:
     def read(cls, place: Place) -> Season:
         """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
+            require_regular(place.season, MOST_BYTES)
             content = read_json(place.season)
             check_shape(content, _SHAPE)
             season = cls(**{each.name: content[each.name] for each in fields(cls)})
-            season.dataset_of(b"")
+            season._check()
         except FileNotFoundError as error:
             raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
         except (OSError, *MALFORMED) as error:
             raise DatasetError(f"{place.season} is invalid: {one_line(error):.300}") from error
+        if season.name != place.public.name:
+            raise DatasetError(f"{place.season} is of the season {season.name}")
         return season
+
+    def _check(self) -> None:
+        """Raise ValueError for what the shape of `season.json` does not show."""
+        if not is_day(self.date):
+            raise ValueError(f"date={self.date}: there is no such day")
+        config = self.dataset_of(b"")
+        if self.config != without_seed(config):
+            raise ValueError("its config has a seed, or options at their defaults")
+        check_rows(config)
 
     def to_text(self) -> str:
         """Return the content of `season.json`."""
         return json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n"
 
+    def find_secret(self, place: Place) -> bytes:
+        """Return the secret before the reveal; raise a DatasetError if there is none.
+
+        It is moved to its place if the process that made the season was killed before.
+        """
+        for kept in temporaries(place.secret.parent, [place.secret.name]):
+            with suppress(DatasetError, OSError):
+                self.require_secret(kept)
+                kept.replace(place.secret)
+        return self.require_secret(place.secret)
+
     def require_secret(self, path: Path) -> bytes:
         """Read the secret from a file; raise a DatasetError if it is not the one committed to."""
         try:
+            require_regular(path, MOST_BYTES)
             secret = bytes.fromhex(path.read_text(encoding="ascii"))
         except FileNotFoundError as error:
             raise DatasetError(f"{path}, the season's secret, does not exist") from error
@@ -171,8 +201,36 @@ class Season:
                 f"fingerprints are {manifest.fingerprint:.16} and {self.fingerprint:.16}"
             )
         found = {shard.path: shard.sha256 for shard in manifest.shards}
-        paths = sorted(found.keys() | self.shards.keys())
-        return [path for path in paths if found.get(path) != self.shards.get(path)]
+        for what, named, right in (
+            ("labyrinths", self.labyrinths, labyrinths_of(manifest)),
+            ("shards", dict.fromkeys(self.shards, 1), dict.fromkeys(found, 1)),
+        ):
+            if differing := named.items() ^ right.items():
+                raise DatasetError(
+                    f"season.json of {self.name} has other {what} than the test: "
+                    f"{min(differing)[0]:.60}"
+                )
+        return [path for path in sorted(found) if found[path] != self.shards[path]]
+
+
+def labyrinths_of(manifest: Manifest) -> dict[str, int]:
+    """Return the number of labyrinths in each split."""
+    counts = Counter[str]()
+    for shard in manifest.shards:
+        counts[shard.split] += shard.labyrinths
+    return dict(counts)
+
+
+def check_rows(config: DatasetConfig) -> None:
+    """Raise ValueError if a dataset might need more than `MOST_ROWS` rows."""
+    routes = 1 if config.solutions == "shortest" else config.solutions_limit
+    states = config.height * config.width * (3 if config.task is Task.KEY_AND_DOOR else 1)
+    rows = config.labyrinths * (len(config.splits) * routes * states + config.random_steps)
+    if rows > MOST_ROWS:
+        raise ValueError(
+            f"{config.given('labyrinths')}: up to {rows:,} rows, more than the {MOST_ROWS:,} of a "
+            "season: give fewer, a smaller size, or lower limits of solutions and random_steps"
+        )
 
 
 def without_seed(config: DatasetConfig) -> dict[str, Any]:
@@ -197,7 +255,7 @@ def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifes
         workers: The number of processes.
         config: The config of the dataset.
     """
-    with TemporaryDirectory(prefix="labyrinth-season-") as folder:  # Its mode is 0700.
-        job = Job(BuildOptions(workers=workers), config, Path(folder), folder)
+    with private_folder() as folder:
+        job = Job(BuildOptions(workers=workers), config, folder, str(folder))
         build(job)
-        yield Path(folder), Manifest.read(job.folder)
+        yield folder, Manifest.read(job.folder)

@@ -23,10 +23,15 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
+from pipeline.season import graph_process
 from pipeline.season.graph_process import ANSWERED, ASKED, TYPES
 
-SECONDS = 60.0
+SECONDS = float(graph_process.SECONDS)
 """The maximum seconds for loading a graph, and for answering a batch of observations."""
+
+_ELSEWHERE = b"\n\x08location\x12"
+"""In a graph whose weights lie in another file: the key of its name (`TensorProto.external_data` in
+onnx.proto)."""
 
 _LONGEST = 1 << 20
 """The maximum bytes of a description or an error."""
@@ -49,7 +54,7 @@ def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
     if find_spec("onnxruntime") is None:
         needed = "pip install 'labyrinth-datasets[onnx]'"
         raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
-    command = [sys.executable, "-m", "pipeline.season.graph_process"]
+    command = [sys.executable, "-m", "pipeline.season.graph_process", str(os.getpid())]
     with subprocess.Popen(
         command,
         stdin=subprocess.PIPE,
@@ -73,7 +78,15 @@ class GraphPolicy:
     def __init__(self, process: subprocess.Popen[bytes], content: bytes, named: str) -> None:
         """Load the graph into the process that computes it; see `computed`."""
         self._process, self._named = process, named
-        inputs, outputs = json.loads(self._ask(content, None))
+        try:
+            inputs, outputs = json.loads(self._ask(content, 0, None))
+        except PolicyError:
+            if _ELSEWHERE in content:
+                self._refuse(
+                    "its weights are in another file, but one file is needed: export it with "
+                    "torch.onnx.export(..., external_data=False)"
+                )
+            raise
         if len(inputs) != 1 or len(outputs) != 1:
             self._refuse(f"it has {len(inputs)} inputs and {len(outputs)} outputs, not one of each")
         (_, seen, shape), (_, answered, scores) = inputs[0], outputs[0]
@@ -102,14 +115,15 @@ class GraphPolicy:
             length = observations.shape[1]
             self._refuse(f"its vectors have {self._length} numbers, those of this season {length}")
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
-        answer = self._ask(content, 4 * ACTIONS * count)
+        answer = self._ask(content, count, 4 * ACTIONS * count)
         return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)
 
-    def _ask(self, content: bytes, size: int | None) -> bytes:
+    def _ask(self, content: bytes, count: int, size: int | None) -> bytes:
         """Send the graph or observations to the process, and return its answer.
 
         Args:
             content: The bytes to send.
+            count: The number of observations; 0 for a graph.
             size: The length of the answer in bytes; None for any length up to `_LONGEST`.
         """
         assert self._process.stdin is not None
@@ -124,7 +138,7 @@ class GraphPolicy:
         timer.start()
         try:
             with suppress(BrokenPipeError):
-                self._process.stdin.write(ASKED.pack(len(content)) + content)
+                self._process.stdin.write(ASKED.pack(len(content), count) + content)
                 self._process.stdin.flush()
             header = self._process.stdout.read(ANSWERED.size)
             if len(header) < ANSWERED.size:

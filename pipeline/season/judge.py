@@ -19,24 +19,29 @@ from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.storage import read_json
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
+from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.results_form import JUDGEMENT
-from labyrinth_core.evaluation.schema import SHARE, Each, Text, check_shape
+from labyrinth_core.evaluation.schema import SHARE, Each, Exactly, Text, check_shape
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
-from pipeline.season.commitment import Place, Season, dataset
-from pipeline.season.options import SeasonStageOptions
+from pipeline.season.commitment import MOST_BYTES, Place, Season, dataset
+from pipeline.season.files import require_regular
+from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
-_ROW = {
-    **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
-    "figures": {"test": {"spl": SHARE, "sr": SHARE}},
-    "results_sha256": Text(r"[0-9a-f]{64}"),
-}
+_ROW = Exactly(
+    {
+        **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
+        "figures": {"test": {"spl": SHARE, "sr": SHARE}},
+        "results_sha256": Text(r"[0-9a-f]{64}"),
+    }
+)
 _DECIMALS = 2
 """The decimals of published figures: too few to learn about single labyrinths by resubmitting."""
 
@@ -64,32 +69,45 @@ def run(job: Job[SeasonStageOptions]) -> None:
     """
     place, named = Place.of(job), job.options.season.submission
     try:
-        Description(named)  # Checked now, before the policy plays for hours.
+        check_name(named)  # Checked now, before the policy plays for hours.
     except ValueError as error:
         raise ConfigError(f"season.submission: {error}") from error
     season = Season.read(place)
-    if place.revealed.exists():
-        raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
-    secret = season.require_secret(place.secret)
-    with held(place.public, place.judged.name), fetched(named) as submission:
-        rows = read_rows(place)
-        about = {"submission": named, "commit": submission.commit, "files": submission.files}
-        before = next((row for row in rows if row | about == row), None)
-        config = season.dataset_of(secret)
-        with dataset(job.options.workers, config) as (data_dir, manifest):
-            season.other_shards(manifest)  # Raises an error if the content differs.
-            signed = None if before is None else before["versions"]
-            row, _, content = judged(season, submission, data_dir, config, signed)
-        if before is None:
-            rows.append(row)
-            _keep(place, season, rows, submission, content)
-        elif before != row:
-            raise DatasetError(f"{named} was judged before, with other results: see {place.judged}")
+    with held(place.public, place.judged.name):
+        if place.revealed.exists():  # Asked while no other process can reveal it.
+            raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
+        secret = season.find_secret(place)
+        rows = settled(place, season)
+        publish(place, season, rows)
+        with fetched(named) as submission:
+            about = {"submission": named, "commit": submission.commit, "files": submission.files}
+            before = next((row for row in rows if row | about == row), None)
+            config = season.dataset_of(secret)
+            with dataset(job.options.workers, config) as (data_dir, manifest):
+                season.other_shards(manifest)  # Raises an error if the content differs.
+                signed = None if before is None else before["versions"]
+                row, _, content = judged(season, submission, data_dir, config, signed)
+            if before is None:
+                rows.append(row)
+            elif before != row:
+                raise DatasetError(
+                    f"{named} was judged before, with other results: see {place.judged}"
+                )
+            overwrite = job.options.overwrite
+            _keep(place, rows.index(row) + 1, submission, content, overwrite=overwrite)
+            publish(place, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {place.judged}")
     if len(rows) > 1:
         chance = by_chance(len(rows), season.labyrinths["test"])
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
+
+
+def check_name(named: object) -> None:
+    """Raise ValueError if a submission may not have this name, such as that of a baseline."""
+    check_shape(named, Text(SUBMISSION), "the submission")
+    for name in (str(named), str(named).partition("@")[0]):
+        Description(name)
 
 
 def shown(figures: Mapping[str, float]) -> str:
@@ -139,12 +157,18 @@ def judged(
         files=submission.files,
         versions=signed,
     )
-    results = evaluate(
-        submission.policy,
-        data_dir,
-        config.name,
-        splits=["test", *config.shifts],
-    )
+    try:
+        results = evaluate(
+            submission.policy,
+            data_dir,
+            config.name,
+            splits=["test", *config.shifts],
+        )
+    except UnrepeatableError as error:
+        raise PolicyError(
+            f"{submission.named} answers the same observations differently: a season judges only "
+            "policies that do not draw at random and remember nothing between two batches"
+        ) from error
     results = replace(
         results,
         dataset=f"season:{season.name}",
@@ -152,44 +176,99 @@ def judged(
         judged=judgement,
     )
     content = results.to_text(Description(submission.named)).encode()
-    row = {name: value for name, value in asdict(judgement).items() if name in _ROW}
+    return Judged(_row(results, content), results, content)
+
+
+def _row(results: Results, content: bytes) -> Row:
+    """Return the entry of judged results, which are in a file with this content."""
+    row = {name: value for name, value in asdict(results)["judged"].items() if name in _ROW.of}
     row["figures"] = {
         split: {"spl": round(scores.spl, _DECIMALS), "sr": round(scores.sr, _DECIMALS)}
         for split, scores in results.splits.items()
     }
     row["results_sha256"] = hashlib.sha256(content).hexdigest()
-    return Judged(row, results, content)
+    return row
+
+
+def settled(place: Place, season: Season) -> list[Row]:
+    """Return all entries, after comparing the public list with the private results.
+
+    The list may lack the last entries: their process was killed before it published them, or an
+    older list was put in its place. They follow from the results.
+
+    Raises:
+        DatasetError: Results are missing, or others than those in the list.
+    """
+    rows = read_rows(place, season)
+    numbers = {int(path.stem) for path in place.private.glob("*.json") if path.stem.isdecimal()}
+    for number in range(1, max(numbers | {len(rows)}) + 1):
+        kept = place.private / f"{number}.json"
+        found = _kept_row(kept, season) if number in numbers else None
+        if found is None or rows[number - 1 : number] not in ([], [found]):
+            raise DatasetError(f"{kept} does not hold the results that {place.judged} names")
+        if number > len(rows):
+            rows.append(found)
+    return rows
+
+
+def _kept_row(path: Path, season: Season) -> Row | None:
+    """Return the entry of private results; None if they are of another season."""
+    results = Results.load(path)
+    of_season = results.judged is not None and results.judged.secret_sha256 == season.secret_sha256
+    return _row(results, path.read_bytes()) if of_season else None
 
 
 def _keep(
-    place: Place, season: Season, rows: list[Row], submission: Submission, content: bytes
+    place: Place, number: int, submission: Submission, content: bytes, *, overwrite: bool
 ) -> None:
-    """Publish the rows, and keep the results of the last one private until the reveal.
+    """Keep the results of a submission private until the reveal.
 
-    The files of its submission are kept as well if they are not on the Hub.
+    Its files come first if they are not on the Hub: a submission with results is complete.
     """
     place.private.mkdir(mode=0o700, exist_ok=True)
-    number = len(rows)
-    files = {f"{number}.json": content}
+    files = {}
     if submission.commit is None:
         paths = submission.folder.iterdir()
-        files |= {f"{number}/{path.name}": path.read_bytes() for path in paths}
-    leave(place.private, files)
-    text = json.dumps({"season": season.name, "judged": rows}, indent=2, ensure_ascii=False)
-    # Overwritten, because `rows` has the rows of the file.
-    leave(place.public, {place.judged.name: f"{text}\n".encode()}, overwrite=True)
+        files = {f"{number}/{path.name}": path.read_bytes() for path in paths}
+    leave(place.private, {**files, f"{number}.json": content}, overwrite=overwrite)
 
 
-def read_rows(place: Place) -> list[Row]:
-    """Return the judged submissions in order; raise a DatasetError if the list cannot be read."""
+def publish(place: Place, season: Season, rows: list[Row]) -> None:
+    """Write the list of judged submissions, unless nothing is judged."""
+    if rows:
+        text = json.dumps({"season": season.name, "judged": rows}, indent=2, ensure_ascii=False)
+        # Overwritten, because `rows` has the rows of the file.
+        leave(place.public, {place.judged.name: f"{text}\n".encode()}, overwrite=True)
+
+
+def read_list(place: Place, season: Season) -> list[Any]:
+    """Return the entries of the public list as they are; raise a DatasetError without a list."""
     try:
+        require_regular(place.judged, MOST_BYTES)
         content = read_json(place.judged)
-        check_shape(content, {"season": None, "judged": Each(_ROW)})
+        check_shape(content, Exactly({"season": season.name, "judged": Each(None)}))
     except FileNotFoundError:
         return []
     except (OSError, *MALFORMED) as error:
         raise DatasetError(
             f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error
-    rows: list[Row] = content["judged"]
+    entries: list[Any] = content["judged"]
+    return entries
+
+
+def check_row(row: Any) -> None:
+    """Raise ValueError if an entry of the list is not that of a judged submission."""
+    check_shape(row, _ROW)
+    check_name(row["submission"])
+
+
+def read_rows(place: Place, season: Season) -> list[Row]:
+    """Return the judged submissions in order; raise a DatasetError if the list cannot be read."""
+    rows = read_list(place, season)
+    for number, row in enumerate(rows, 1):
+        try:
+            check_row(row)
+        except ValueError as error:
+            raise DatasetError(f"{place.judged}: entry {number}: {one_line(error):.300}") from error
     return rows

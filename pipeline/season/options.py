@@ -8,8 +8,12 @@ from dataclasses import dataclass, field
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.errors import check
 from pipeline.config.option import LOCAL_FOLDER, check_options, option
-from pipeline.config.options import ExecutorOptions
+from pipeline.config.options import ExecutorOptions, OverwriteOption
 from pipeline.config.stage import Job, Stage
+
+_PART = r"(?!\.{1,2}(?:[/@]|\Z))[A-Za-z0-9._+=-]+"
+SUBMISSION = rf"(?!.*\.zip$)(?:[A-Za-z]:|~)?/?{_PART}(?:/{_PART})*(?:@{_PART}(?:/{_PART})*)?"
+"""The names of submissions, without `.` and `..` and in ASCII, so that no two names look alike."""
 
 
 @dataclass(frozen=True)
@@ -32,14 +36,15 @@ class SeasonOptions:
         "policy to judge: user/model@revision on the Hub, the folder of a run or of a policy, or "
         "an ONNX graph; after a folder or a file, @ and the SHA-256 of its weights pin them",
         like=(
-            r"((?!.*\.zip$)[^@\x00-\x1f]+(@[\w./-]+)?)?",
-            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx",
+            rf"({SUBMISSION})?",
+            "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx, "
+            "spelt with A to Z, a to z, 0 to 9 and ._+=- between single slashes, without . and ..",
         ),
     )
 
 
 @dataclass(frozen=True)
-class SeasonStageOptions(ExecutorOptions):
+class SeasonStageOptions(ExecutorOptions, OverwriteOption):
     """Which season is meant, and how its dataset is built."""
 
     season: SeasonOptions = field(default_factory=SeasonOptions)

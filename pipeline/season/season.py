@@ -7,16 +7,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import naming, write_text
-from pipeline.config.errors import check
+from labyrinth_core.data.storage import naming, temporaries, temporary_beside, write_text
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import CONFIG, Job
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
+from pipeline.machinery.folders import held
 from pipeline.season.commitment import (
     LEAST,
     SECRET_BYTES,
     Place,
     Season,
+    check_rows,
     dataset,
     seed_of,
     without_seed,
@@ -27,52 +29,68 @@ from pipeline.season.options import SeasonStageOptions
 def run(job: Job[SeasonStageOptions]) -> None:
     """Start a season: write its secret, and publish the commitment.
 
+    The secret moves to its place after the commitment has done so, from a temporary file beside
+    it: whenever the process is killed, the same command goes on.
+
     Raises:
-        ConfigError: There are too few labyrinths.
-        DatasetError: A season or a secret of this name exists already.
+        ConfigError: There are too few labyrinths, or too many.
+        DatasetError: Another season or a secret of this name exists already.
     """
     place, options = Place.of(job), job.options.season
     count = job.dataset.labyrinths
     check(count >= LEAST, f"labyrinths={count}: give {LEAST} or more, since fewer can be guessed")
-    exists = DatasetError(f"{place.public} exists: choose another season.name")
-    if place.public.exists():
-        raise exists
-    secret, is_kept = os.urandom(SECRET_BYTES), False
     try:
-        with produced(place.public, {"season": options.name}) as made:
-            if made is None:  # Another process made it while this one waited.
-                raise exists
-            _keep(place.secret, secret)
-            is_kept = True
-            seed = seed_of(secret, without_seed(job.dataset))
-            with dataset(job.options.workers, replace(job.dataset, seed=seed)) as (_, manifest):
-                season = Season.of(options.name, options.date, secret, manifest)
-            write_text(made / place.season.name, season.to_text())
-            if job.composed:
-                write_text(made / CONFIG, job.composed)
+        check_rows(job.dataset)
+    except ValueError as error:
+        raise ConfigError(str(error)) from error
+    existed, kept = place.public.exists(), temporary_beside(place.secret)
+    try:
+        if not existed:
+            with produced(place.public, {"season": options.name}) as made:
+                if made is not None:
+                    _make(job, place, made, kept)
     except BaseException:
-        if is_kept and not place.season.exists():
-            place.secret.unlink()
+        if not place.public.exists():
+            kept.unlink(missing_ok=True)
         raise
+    with held(place.public.parent, place.public.name):
+        season = Season.read(place)
+        same = (season.date, season.config) == (options.date, without_seed(job.dataset))
+        if not same or place.revealed.exists():
+            raise DatasetError(f"{place.public} exists: choose another season.name")
+        season.find_secret(place)
     say(
-        f"{place.season}: publish this folder now. {place.secret} holds the secret: keep it, and "
-        "show it to no one until stages=reveal publishes it."
+        f"{place.season}{' exists already' if existed else ''}: publish this folder now. "
+        f"{place.secret} holds the secret: keep it, and show it to no one until stages=reveal "
+        "publishes it."
     )
 
 
-def _keep(path: Path, secret: bytes) -> None:
-    """Write a secret into a new file that only its owner can read."""
-    try:
-        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
-    except FileExistsError as error:
+def _make(job: Job[SeasonStageOptions], place: Place, folder: Path, kept: Path) -> None:
+    """Write a season into a folder, and its secret into the temporary file `kept`."""
+    if place.secret.exists():
         raise DatasetError(
-            f"{path} exists, but its season does not: move it away, or choose another season.name"
-        ) from error
-    try:
-        with naming(path), os.fdopen(descriptor, "w", encoding="ascii") as file:
+            f"{place.secret} exists, but its season does not: move it away, or choose another "
+            "season.name"
+        )
+    # A process was killed before the season existed.
+    for left in temporaries(place.secret.parent, [place.secret.name]):
+        left.unlink()
+    secret = os.urandom(SECRET_BYTES)
+    _keep(kept, place.secret, secret)
+    seed = seed_of(secret, without_seed(job.dataset))
+    with dataset(job.options.workers, replace(job.dataset, seed=seed)) as (_, manifest):
+        season = Season.of(place.public.name, job.options.season.date, secret, manifest)
+    write_text(folder / place.season.name, season.to_text())
+    if job.composed:
+        write_text(folder / CONFIG, job.composed)
+
+
+def _keep(path: Path, named: Path, secret: bytes) -> None:
+    """Write a secret into a new file that only its owner can read; errors name its later place."""
+    with naming(named, path):
+        descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+        with os.fdopen(descriptor, "w", encoding="ascii") as file:
             file.write(secret.hex() + "\n")
             file.flush()
             os.fsync(file.fileno())
-    except BaseException:
-        path.unlink()
-        raise

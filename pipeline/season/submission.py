@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from importlib.metadata import version
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from threading import Event, Timer
 from typing import Any, NamedTuple
+
+from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.policies.load import check_size, load_policy, located
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.policies.load import MOST_BYTES, check_size, load_policy, located
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
-from pipeline.season.graph import computed
+from labyrinth_core.world.labyrinth import Task
+from pipeline.season.files import private_folder, require_regular
+from pipeline.season.graph import SECONDS, computed
 
 _KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
 """The files of each kind of policy, the weights first."""
@@ -54,11 +58,15 @@ def fetched(
         PolicyError: An ONNX graph has other inputs or outputs than a policy.
     """
     source, _, revision = named.partition("@")
-    with TemporaryDirectory(prefix="labyrinth-submission-") as temporary, ExitStack() as stack:
-        own, commit = Path(temporary), None
+    with private_folder() as own, ExitStack() as stack:
+        commit = None
         if folder is None and (pinned or not Path(source).expanduser().exists()):
             commit, names = _on_hub(source, pinned["commit"] if pinned else revision or None)
-            _copy({name: located(source, commit, names) / name for name in names}, own)
+            try:
+                found = located(source, commit, names)
+            except ValueError as error:
+                raise DatasetError(str(error)) from error
+            _copy({name: found / name for name in names}, own)
         else:
             _copy(_in_folder(Path(source).expanduser() if folder is None else folder), own)
         files = {path.name: file_sha256(path) for path in sorted(own.iterdir())}
@@ -83,7 +91,51 @@ def _loaded(folder: Path, named: str) -> Any:
     import torch
 
     torch.set_num_threads(1)  # With several threads, sums may round differently.
-    return policy
+    return _Limited(policy)
+
+
+class _Limited:
+    """A loaded policy that is refused if a call takes too long, as a graph is.
+
+    It has `SECONDS` for a batch, or for each labyrinth if it plans for one at a time.
+    """
+
+    def __init__(self, policy: Any) -> None:
+        self._policy, self._late = policy, Event()
+        for module in policy.network.modules():  # So that a long call ends before its end.
+            module.register_forward_pre_hook(lambda *_: self._require_time())
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the policy: what it has to be shown, or a method."""
+        found = getattr(self._policy, name)
+        if name != "act":
+            return found
+        return lambda observations: self._in_time(found, observations, len(observations))
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> _Limited:
+        """Return the policy for labyrinths of another size."""
+        return _Limited(self._policy.for_labyrinths(height, width, task))
+
+    def __call__(self, observations: NDArray[Any]) -> Any:
+        """Return the scores of the four actions, shape (B, 4)."""
+        return self._in_time(self._policy, observations)
+
+    def _in_time(
+        self, call: Callable[[NDArray[Any]], Any], observations: NDArray[Any], parts: int = 1
+    ) -> Any:
+        self._late = Event()
+        timer = Timer(SECONDS * parts, self._late.set)
+        timer.start()
+        try:
+            answer = call(observations)
+        finally:
+            timer.cancel()
+        self._require_time()
+        return answer
+
+    def _require_time(self) -> None:
+        if self._late.is_set():
+            raise PolicyError(f"the policy takes more than {SECONDS:g} seconds")
 
 
 def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
@@ -125,8 +177,11 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
     """Copy files, so that the hashed bytes are the judged ones; refuse files that are too large."""
     for name, path in files.items():
         try:
-            check_size(path, name, path.stat().st_size)
-            shutil.copyfile(path, folder / name)
+            require_regular(path, MOST_BYTES[name])
+            with path.open("rb") as file:
+                content = file.read(MOST_BYTES[name] + 1)
+            check_size(path, name, len(content))  # It may have grown since.
+            (folder / name).write_bytes(content)
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
 

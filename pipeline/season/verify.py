@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
+from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
 from pipeline.season.commitment import Place, Season, dataset
-from pipeline.season.judge import Row, judged, read_rows, shown
+from pipeline.season.files import has_sha256
+from pipeline.season.judge import Row, check_row, judged, read_list, shown
 from pipeline.season.options import SeasonStageOptions
 from pipeline.season.submission import fetched, versions
 
@@ -33,37 +35,68 @@ def run(job: Job[SeasonStageOptions]) -> None:
     if not place.revealed.exists():
         raise DatasetError(f"{place.public} is not revealed: {place.revealed.name} is missing")
     secret = season.require_secret(place.revealed)
+    entries = read_list(place, season)
     config = season.dataset_of(secret)
     with dataset(job.options.workers, config) as (data_dir, manifest):
-        wrong = _other_files(season, season.other_shards(manifest))
+        wrong = _other_files(place, season, season.other_shards(manifest))
         known = KnownDataset.read(str(data_dir), config.name)
         lines = []
-        for number, row in enumerate(read_rows(place), 1):
-            figures, equal = _judged_again(place, season, number, row, known)
-            lines.append([row["submission"], shown(row["figures"]["test"]), figures, equal])
-            wrong += equal != EQUAL
-        say(table(["submission", "judged", "recomputed", "equal"], lines, "llll"))
+        for number, entry in enumerate(entries, 1):
+            if reason := _refused(entry, entries[: number - 1]):
+                lines.append([f"entry {number}", "-", "-", f"no: {reason}"])
+                continue
+            figures, equal = _judged_again(place, season, number, entry, known)
+            lines.append([entry["submission"], shown(entry["figures"]["test"]), figures, equal])
+        lines += [[name, "-", "-", "no: not in the list"] for name in _unlisted(place, entries)]
+        wrong += sum(line[-1] != EQUAL for line in lines)
+        cells = [[cell.replace("|", r"\|") for cell in line] for line in lines]
+        say(table(["submission", "judged", "recomputed", "equal"], cells, "llll"))
         for path in sorted((place.public / "self-reported").glob("[!.]*.json")):
             wrong += _self_reported(path, known)
     if wrong:
         raise DatasetError(f"{place.public}: {wrong} of its claims cannot be confirmed")
 
 
-def _other_files(season: Season, paths: list[str]) -> int:
-    """Compare the files of the test with the commitment; return 1 for an unexplained difference."""
+def _refused(entry: Any, before: list[Any]) -> str | None:
+    """Return why an entry cannot be one of a judge; None if it can."""
+    try:
+        check_row(entry)
+    except ValueError as error:
+        return one_line(error)
+    about = {name: entry[name] for name in ("submission", "commit", "files")}
+    twice = any(isinstance(each, dict) and each | about == each for each in before)
+    return "it is in the list twice" if twice else None
+
+
+def _unlisted(place: Place, entries: list[Any]) -> list[str]:
+    """Return the names of results and submissions that belong to no entry."""
+    numbers = [str(number) for number in range(1, len(entries) + 1)]
+    listed = {*(f"results/{number}.json" for number in numbers)}
+    listed |= {f"submissions/{number}" for number in numbers}
+    found = [*(place.public / "results").glob("[!.]*.json")]
+    found += (place.public / "submissions").glob("[!.]*")
+    names = (path.relative_to(place.public).as_posix() for path in found)
+    return sorted(name for name in names if name not in listed)
+
+
+def _other_files(place: Place, season: Season, paths: list[str]) -> int:
+    """Compare the commitment with its list and with the test; return the number of differences."""
     say(f"{season.name}: the secret and the content of the test match the commitment.")
+    changed = not Sums.read(place.public).has(place.season.name)
+    if changed:  # Nothing else shows a change of the date.
+        say(f"{place.season} is not the file that {HASHES} lists, so its date is not confirmed.")
     if not paths:
         say(f"All {len(season.shards)} files of the test are identical.")
-        return 0
+        return int(changed)
     then = season.versions
     unlike = [
-        f"{name} {then.get(name)}, here {here}"
+        f"{name} {then[name]}, here {here}"
         for name, here in build_versions().items()
-        if then.get(name) != here
+        if name in then and then[name] != here
     ]
     why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"
     say(f"{len(paths)} of {len(season.shards)} files have other bytes for this content, {why}.")
-    return int(not unlike)
+    return changed + (not unlike)
 
 
 def _judged_again(
@@ -78,15 +111,15 @@ def _judged_again(
             again = judged(season, submission, data_dir, config, signed=row["versions"])
             here = versions(submission.library)
         figures = shown(again.row["figures"]["test"])
-        if not revealed.is_file() or file_sha256(revealed) != row["results_sha256"]:
+        if not has_sha256(revealed, row["results_sha256"]):
             return figures, f"no: results/{revealed.name} does not match the commitment"
         if again.row == row:
             return figures, EQUAL
         if again.row["results_sha256"] == row["results_sha256"]:
             return figures, f"no: {place.judged.name} contradicts the results"
         told = Results.load(revealed, lambda _: known).splits
-    except (DatasetError, PolicyError) as error:
-        return "-", f"no: {error}"
+    except (DatasetError, PolicyError, OSError) as error:
+        return "-", f"no: {one_line(error)}"
     splits = again.results.splits
     pairs = ((told[name].episodes, splits[name].episodes) for name in told.keys() & splits.keys())
     unlike = sum(int((one.moves != other.moves).sum()) for one, other in pairs)
@@ -101,9 +134,9 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
         results.require_dataset(known)
         if "test" not in results.splits:
             raise ValueError(f"{path} has no results on test")
-    except ValueError as error:
-        say(f"self-reported, and refused: {error}")
+    except (DatasetError, ValueError) as error:
+        say(f"self-reported, and refused: {one_line(error)}")
         return True
     test, name = results.splits["test"], results.method.name if results.method else path.name
-    say(f"self-reported, not verified: {name}, {shown({'spl': test.spl, 'sr': test.sr})}")
+    say(f"self-reported, not verified: {name!r}, {shown({'spl': test.spl, 'sr': test.sr})}")
     return False

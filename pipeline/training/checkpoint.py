@@ -1,33 +1,35 @@
 """The weights of a run as safetensors, a format that cannot hold code: its policy, its checkpoint.
 
 From a checkpoint an interrupted run continues exactly. It is one file: tensors and arrays are its
-entries, and everything else is JSON in its header. The file is replaced atomically, so that
-weights, optimizer states, random states and history always belong together.
+entries, and everything else is JSON in its header, with a SHA-256 of both. The file is replaced
+atomically, so that weights, optimizer states, random states and history always belong together.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from safetensors import SafetensorError, safe_open
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.weights import read_tensors
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import differences
-from pipeline.training.methods.method import Learner
 
 INSTEAD = "choose another run_dir"
 
@@ -60,13 +62,14 @@ def save(path: Path, learner: Learner, progress: Progress, identity: Mapping[str
     tensors |= {f"best/{name}": tensor for name, tensor in progress.weights.items()}
     tensors["random/cpu"] = torch.get_rng_state()
     device = learner.problem.device
-    if device.type == "cuda":
-        tensors["random/cuda"] = torch.cuda.get_rng_state(device)
+    if device.type != "cpu":
+        tensors[f"random/{device.type}"] = torch.get_device_module(device).get_rng_state()
     done = {name: value for name, value in vars(progress).items() if name != "weights"}
     rng = learner.problem.rng.bit_generator.state
     state = {"learner": plain, "progress": done, "rng": rng, "run": dict(identity)}
+    text = json.dumps(state)
     path.parent.mkdir(parents=True, exist_ok=True)
-    save_tensors(path, tensors, {"state": json.dumps(state)})
+    save_tensors(path, tensors, {"state": text, "sha256": _digest(tensors, text)})
 
 
 def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
@@ -75,25 +78,27 @@ def load(path: Path, learner: Learner, identity: Mapping[str, Any]) -> Progress:
     Raises:
         DatasetError: The file cannot be read, or belongs to another run.
     """
-    tensors, state = load_tensors(path, "state")
+    tensors, state = _read_checkpoint(path)
     advice = f": {INSTEAD}, or give overwrite=true to start again"
-    require_same(f"{path} belongs to a run", state["run"], identity, advice)
+    told, there = f"{path} belongs to a run", without_place(state["run"])
+    require_same(told, there, without_place(identity), advice)
     restore(learner, tensors, state["learner"])
     learner.problem.rng.bit_generator.state = state["rng"]
     torch.set_rng_state(tensors["random/cpu"])
-    if "random/cuda" in tensors:
-        torch.cuda.set_rng_state(tensors["random/cuda"], str(learner.problem.device))
+    kind = learner.problem.device.type
+    if kind != "cpu" and f"random/{kind}" in tensors:
+        torch.get_device_module(kind).set_rng_state(tensors[f"random/{kind}"])
     return Progress(**state["progress"], weights=_within(tensors, "best"))
 
 
 def identity_in(path: Path) -> dict[str, Any]:
-    """Return the identity of the run that wrote a checkpoint.
+    """Return the identity of the run that wrote a checkpoint, `without_place`.
 
     Raises:
         DatasetError: The file cannot be read.
     """
-    _, state = load_tensors(path, "state")
-    return dict(state["run"])
+    _, state = _read_checkpoint(path)
+    return without_place(state["run"])
 
 
 def state_of(learner: Learner) -> tuple[Tensors, dict[str, Any]]:
@@ -160,20 +165,37 @@ def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, 
     write_bytes(path, to_bytes(owned, metadata))
 
 
-def load_tensors(path: Path, text: str) -> tuple[Tensors, dict[str, Any]]:
-    """Return the tensors of a file, and the value of its metadata entry `text`, parsed from JSON.
+def _digest(tensors: Mapping[str, Tensor], text: str) -> str:
+    """Return the SHA-256 of tensors, with their names, shapes and dtypes, and of a text."""
+    digest = hashlib.sha256(text.encode())
+    for name, tensor in sorted(tensors.items()):
+        digest.update(f"{name} {tensor.dtype} {tuple(tensor.shape)}\n".encode())
+        digest.update(tensor.detach().cpu().contiguous().flatten().view(torch.uint8).numpy().data)
+    return digest.hexdigest()
+
+
+def _read_checkpoint(path: Path) -> tuple[Tensors, dict[str, Any]]:
+    """Return the tensors and the state in a checkpoint.
 
     Raises:
-        DatasetError: The file does not exist, or cannot be read.
+        DatasetError: The file cannot be read, or is damaged.
     """
+    with _explained(path):
+        tensors, texts = read_tensors(path)
+        if texts.get("sha256") != _digest(tensors, texts.get("state", "")):
+            raise ValueError("it is damaged: its sha256 is not the one in its header")
+        return tensors, dict(json.loads(texts["state"]))
+
+
+@contextmanager
+def _explained(path: Path) -> Iterator[None]:
+    """Turn the errors of reading a file of tensors into a DatasetError."""
     try:
-        with safe_open(path, framework="pt") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            return tensors, json.loads((file.metadata() or {})[text])
+        yield
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: stages=train makes it") from error
-    except (OSError, SafetensorError, *MALFORMED) as error:
-        reason = f"{path} cannot be read: {one_line(error)}"
+    except (OSError, *MALFORMED) as error:
+        reason = f"{path} cannot be read: {one_line(error):.300}"
         raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
 
 
@@ -199,7 +221,9 @@ def read_policy(
     Raises:
         DatasetError: The file does not exist, or holds the policy of another network.
     """
-    tensors, actual = load_tensors(path, "network")
+    with _explained(path):
+        tensors, texts = read_tensors(path)
+        actual = dict(json.loads(texts["network"]))
     require_same(f"{path} is a policy", actual, asdict(spec))
     network = make(spec).to(device)
     try:
@@ -216,6 +240,14 @@ def require_same(
     """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
     if differing := differences(options_of(actual), options_of(required)):
         raise DatasetError(f"{thing} with {differing}{advice}")
+
+
+def without_place(identity: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what determines a run's weights, which does not depend on where its dataset lies.
+
+    The fingerprint of the dataset says which it is.
+    """
+    return {name: value for name, value in identity.items() if name not in ("dataset", "revision")}
 
 
 def options_of(description: Mapping[str, Any]) -> dict[str, Any]:

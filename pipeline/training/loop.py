@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.methods.method import Learner
 
 CHECKPOINT_SECONDS = 30.0
 """The minimum time between two checkpoints."""

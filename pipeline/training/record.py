@@ -6,25 +6,27 @@ import io
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json, write_bytes, write_text
+from labyrinth_core.data.errors import one_line
+from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.policies.record import FORMAT, read_run
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import CONFIG
+from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
-FORMAT = 1
 
 OURS = (RECORD, POLICY, CURVES, CONFIG, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
@@ -75,41 +77,28 @@ def write_record(
     write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
 
 
-def read_record(folder: Path) -> dict[str, Any] | None:
-    """Return the content of `run.json`, or None if the folder holds no finished run.
+def restore_curves(folder: Path, name: str) -> None:
+    """Draw the curves of a finished run again if they are missing; say so if they were changed.
 
     Raises:
-        DatasetError: The file cannot be read.
+        DatasetError: The record cannot be read.
+        OSError: The picture cannot be written.
     """
-    path = folder / RECORD
-    try:
-        content = read_json(path)
-        if content["format"] != FORMAT:
-            raise ValueError(f"its format is {content['format']}, not {FORMAT}")
-        if not all(isinstance(content[name], dict) for name in ("run", "files")):
-            raise ValueError("its run or its files are not an object")
-    except (FileNotFoundError, NotADirectoryError):
-        return None
-    except (ValueError, LookupError, TypeError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {error!r:.300}") from error
-    return dict(content)
+    record = read_run(folder)
+    if record is None or CURVES not in record["files"] or Sums.read(folder).has(CURVES):
+        return
+    if (folder / CURVES).exists():
+        say(f"{folder / CURVES} was damaged or changed: delete it to have it drawn again.")
+    else:
+        leave(folder, {CURVES: _curves(name, record["history"])})
+        say(f"{folder / CURVES} was missing, and is drawn again.")
 
 
-def selected_rate(folder: Path) -> float:
-    """Return the success rate on validation of a finished run's policy.
+@contextmanager
+def open_board(folder: Path) -> Iterator[Any]:
+    """Yield a TensorBoard `SummaryWriter` for the folder `tensorboard/` of a run.
 
-    Raises:
-        DatasetError: The record has none.
-    """
-    record = read_record(folder)
-    try:
-        return float(record["selected"]["validation_sr"]) if record else 0.0
-    except (LookupError, TypeError, ValueError) as error:
-        raise DatasetError(f"{folder / RECORD} cannot be read: {error!r:.300}") from error
-
-
-def open_board(folder: Path) -> Any:
-    """Return a TensorBoard `SummaryWriter` for the folder `tensorboard/` of a run.
+    TensorBoard puts the computer's name into those of its files; it is removed at the end.
 
     Raises:
         ConfigError: TensorBoard is not installed.
@@ -119,7 +108,10 @@ def open_board(folder: Path) -> Any:
     except ImportError as error:
         needed = "pip install 'labyrinth-datasets[tensorboard]'"
         raise ConfigError(f"tensorboard=true needs TensorBoard: {needed}") from error
-    return SummaryWriter(str(folder / BOARD))
+    with SummaryWriter(str(folder / BOARD)) as board:
+        yield board
+    for path in (folder / BOARD).iterdir():
+        path.rename(path.with_name(".".join(path.name.split(".")[:4])))
 
 
 def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:

@@ -7,7 +7,7 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from importlib import import_module
@@ -23,28 +23,32 @@ from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.networks.network import usual_defaults
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
-from pipeline.machinery.artifact import produced
+from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import each_minute, progress, say
 from pipeline.machinery.dataset import manifest_of
-from pipeline.machinery.folders import followed, held, remove
-from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, options_of, save_policy
-from pipeline.training.loop import CHECKPOINT_SECONDS, fit
-from pipeline.training.methods.acting import Steps, load_steps
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, find
-from pipeline.training.options import TrainOptions
-from pipeline.training.record import (
-    CHECKPOINT,
-    OURS,
-    open_board,
-    selected_rate,
-    write_record,
+from pipeline.machinery.folders import followed, held, remove, within
+from pipeline.training.checkpoint import (
+    INSTEAD,
+    Progress,
+    identity_in,
+    options_of,
+    save_policy,
+    without_place,
 )
+from pipeline.training.loop import CHECKPOINT_SECONDS, fit
+from pipeline.training.methods.method import find
+from pipeline.training.options import TrainOptions
+from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 
 
 def refuse(job: Job[TrainOptions]) -> None:
@@ -53,7 +57,7 @@ def refuse(job: Job[TrainOptions]) -> None:
 
 
 def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
-    """Train the policy of a run, unless it is finished already; continue an interrupted run.
+    """Train the policy of a job, unless it is finished already; continue an interrupted run.
 
     Returns:
         The success rate on validation of the policy that was kept.
@@ -65,16 +69,22 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     """
     folder = training_folder(job)
     place = followed(folder)
-    working = place.with_name(f".{place.name}.training")
+    working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
-    identity, overwrite = identify(job, settings), job.options.overwrite
+    identity = identify(
+        job, asdict(settings), manifest_of(job, job.options.train_labyrinths).fingerprint
+    )
+    there, overwrite = Sums.read(folder).key or {}, job.options.overwrite
+    if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
+        # The dataset may have moved since.
+        identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
     rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
             if made is not None:
                 path = working / CHECKPOINT
-                if overwrite and path.exists() and identity_in(path) != identity:
+                if overwrite and path.exists() and identity_in(path) != without_place(identity):
                     remove(working)
                 if method.protocol:
                     _tell_changes(job.options, settings)
@@ -83,8 +93,11 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
                     write_text(made / CONFIG, job.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
+        restore_curves(folder, run_name(job).name)
         say(f"{folder} is complete already.")
-        return selected_rate(folder)
+        record = read_run(folder)
+        assert record is not None  # The folder is complete.
+        return float(record["selected"]["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
         f"{run_name(job).name}: SR {done.best['validation_sr']:.1%} on validation, "
@@ -94,6 +107,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     return float(done.best["validation_sr"])
 
 
+@usual_defaults()
 def _train(
     job: Job[TrainOptions],
     folder: Path,
@@ -105,17 +119,20 @@ def _train(
     options = job.options
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
-    cuda = [device] if device.type == "cuda" else []
-    with torch.random.fork_rng(devices=cuda):
+    # Older versions of PyTorch cannot fork the random state of Apple's GPUs.
+    forked = [device] if device.type in ("cuda", "xpu") else []
+    with torch.random.fork_rng(devices=forked, device_type=forked[0].type if forked else "cuda"):
         torch.manual_seed(job.dataset.seed)
-        learner, judge = prepare(job, method, settings, device)
-        require_unchanged(source_of(job), job.dataset.name, identity["fingerprint"])
+        try:
+            learner, judge = prepare(job, method, settings, device)
+        finally:  # Splits of two datasets cause other errors first.
+            dataset = source_of(job), job.dataset.name
+            require_unchanged(*dataset, identity["fingerprint"], options.revision)
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
     save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    computed = {"device": device.type, "threads": torch.get_num_threads()}
-    write_record(folder, run_name(job).name, identity, done, computed)
+    write_record(folder, run_name(job).name, identity, done, computed_on(device))
     return done
 
 
@@ -127,14 +144,26 @@ def choose_device(options: TrainingOptions) -> torch.device:
     """
     if options.threads is not None:
         torch.set_num_threads(options.threads)
-    available = torch.cuda.is_available()
-    if options.device == "cuda" and not available:
+    available = torch.accelerator.is_available()
+    found = torch.accelerator.current_accelerator() if available else None
+    if options.device == "cuda" and (found is None or found.type != "cuda"):
         raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
-    return torch.device("cuda" if available and options.device != "cpu" else "cpu")
+    return torch.device("cpu") if found is None or options.device == "cpu" else found
 
 
-def identify(job: Job[TrainingOptions], settings: BaseSettings) -> dict[str, Any]:
-    """Return everything that determines the weights of a run, in plain types.
+def computed_on(device: torch.device) -> dict[str, Any]:
+    """Return the device, the CPU threads, and on NVIDIA's GPUs what may be rounded to TF32."""
+    computed: dict[str, Any] = {"device": device.type, "threads": torch.get_num_threads()}
+    if device.type == "cuda":
+        products = torch.backends.cuda.matmul.allow_tf32
+        computed["tf32"] = {"convolutions": torch.backends.cudnn.allow_tf32, "products": products}
+    return computed
+
+
+def identify(
+    job: Job[TrainingOptions], settings: Mapping[str, Any], fingerprint: str
+) -> dict[str, Any]:
+    """Return everything that determines the weights of a job, in plain types.
 
     Of a user's method it has the hash of its module, but not of what that imports.
     """
@@ -149,11 +178,11 @@ def identify(job: Job[TrainingOptions], settings: BaseSettings) -> dict[str, Any
         "protocol": options.protocol,
         "train_labyrinths": options.train_labyrinths,
         "seed": job.dataset.seed,
-        "settings": asdict(settings),
+        "settings": dict(settings),
         "config": job.dataset.name,
         "dataset": source_of(job),
         "revision": options.revision,
-        "fingerprint": manifest_of(job, job.options.train_labyrinths).fingerprint,
+        "fingerprint": fingerprint,
         **code,
     }
 

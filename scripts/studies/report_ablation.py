@@ -1,7 +1,7 @@
 """Tables and figures for generalisation.md: ablations of the planner, and numbers of labyrinths.
 
-The results come from an archived study (docs/results/ARCHIVE.md). Intervals: 95% bootstrap over
-seeds and labyrinths. `report_pages.py` writes and draws them.
+The results come from an archived study (docs/results/ARCHIVE.md). Intervals: 95%, over seeds and
+labyrinths. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations

@@ -13,16 +13,16 @@ from __future__ import annotations
 
 import argparse
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib import import_module
 from math import sqrt
 from pathlib import Path
 
 import numpy as np
-from kept_results import RESULTS, Run, by_method, read_run, read_runs, solved_in, whole
+from kept_results import RESULTS, Run, by_method, rate, read_runs, solved_in, whole
 from methods.authors.learner import try_out
-from run_queue import AUTHORS, RESNET
+from run_queue import AUTHORS
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
@@ -119,30 +119,24 @@ def verdicts() -> str:
 
 def resnet() -> str:
     """Return a table of the paper's cells beside our runs with ResNet-18, each with a verdict."""
-    rows: list[list[str]] = []
-    for config, methods in RESNET.items():
-        for method in METHODS:
-            name = f"{config}, {METHODS[method]}"
-            figures = [paper_figures()[config, split, method] for split in EVALUATED_SPLITS]
-            kept = {
-                precision: RESULTS / f"{folder}/{config}/{method}-resnet18-seed0.json"
-                for precision, folder in (("float32", "runs"), ("bfloat16", "bfloat16/runs"))
-            }
-            there = {each: read_run(path) for each, path in kept.items() if path.exists()}
-            for precision, run in there.items():
-                epochs = str(run["run"]["training"]["epochs"])
-                rows.append([name, precision, epochs, *_judged_in(run, figures)])
-            if not there:
-                cells = (f"{printed_in(each)} / -" for each in figures)
-                rows.append([name, "", f"not run: {methods[method]} hours", *cells])
-    heading = ["% solved: printed / ResNet-18 here", "precision", "epochs"]
-    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 8)
+    rows = []
+    for config in sorted({config for config, _, _ in paper_figures()}):
+        groups = by_method(read_runs(f"runs/{config}", "*-resnet18-seed?.json")).values()
+        for runs in groups:
+            method, epochs = runs[0]["run"]["method"], runs[0]["run"]["training"]["epochs"]
+            cells = (
+                _judged_in(runs, paper_figures()[config, split, method])
+                for split in EVALUATED_SPLITS
+            )
+            rows.append([f"{config}, {METHODS[method]}", str(len(runs)), str(epochs), *cells])
+    heading = ["% solved: printed / ResNet-18 here", "seeds", "epochs"]
+    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "lrr" + "l" * 5)
 
 
-def _judged_in(run: Run, figures: Sequence[PaperFigure]) -> Iterator[str]:
-    for figure in figures:
-        ours = float(run["solved"][figure.split].mean())
-        yield f"{whole(figure.sr)} / {whole(ours)}, {judge(figure, ours, ours)[-1]}"
+def _judged_in(runs: Sequence[Run], figure: PaperFigure) -> str:
+    solved = solved_in(runs, figure.split)
+    ours = float(solved.mean())
+    return f"{whole(figure.sr)} / {rate(solved)}, {judge(figure, ours, ours)[-1]}"
 
 
 def counted_verdicts() -> str:

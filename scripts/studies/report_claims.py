@@ -3,12 +3,13 @@
 On the 1,000 labyrinths of test in `docs/results/thousand`: success, where train demonstrates an
 optimal route and where it does not, in all and in those alike in length and in the number of
 optimal routes; which methods differ by more than chance. Then the hours of all runs, by method.
-Intervals: 95% bootstrap over labyrinths and seeds. `report_pages.py` writes and draws them.
+Intervals: 95%, over labyrinths and seeds. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from math import fsum
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,7 @@ def rates() -> str:
     rows = []
     for name, runs in groups.items():
         solved = solved_in(runs, SPLIT)
-        middle = whole(interquartile_mean([solved.mean(axis=1)])[0])
+        middle = whole(interquartile_mean(solved.mean(axis=1)))
         spl = float(np.mean([each["splits"][SPLIT]["spl"] for each in runs]))
         rows.append([name, str(len(runs)), rate(solved), middle, whole(spl)])
     references = next(iter(groups.values()))[0]["baselines"]
@@ -220,17 +221,20 @@ def costs() -> str:
         else:
             run = content["run"]
             seconds = content.get("seconds_of_training", run.get("training", {}).get("seconds"))
-            on_slots = run["method"].startswith("slots-")
-            method = "BC and VIN on slots" if on_slots else name_of(run["method"])
+            method = name_of(run["method"])
+            if run["method"].startswith("slots-"):
+                method = "BC and VIN on slots"
+            elif run.get("training", {}).get("computed", {}).get("device") == "cuda":
+                method = "ResNet-18, on a GPU"
             key = (run["fingerprint"], run["seed"], seconds)  # Evaluated on several datasets.
             seconds = logged.get(path.relative_to(RESULTS).as_posix(), seconds)
         found.setdefault(method, {})[key] = seconds
     rows = [
-        [method, str(len(runs)), f"{sum(runs.values()) / 3600:.1f}"]
+        [method, str(len(runs)), f"{fsum(runs.values()) / 3600:.1f}"]
         for method, runs in found.items()
     ]
     runs = str(sum(len(each) for each in found.values()))
-    hours = sum(sum(each.values()) for each in found.values()) / 3600
+    hours = fsum(seconds for each in found.values() for seconds in each.values()) / 3600
     return table(["method", "runs", "hours"], [*rows, ["all", runs, f"{hours:.1f}"]])
 
 
@@ -241,7 +245,7 @@ def missing() -> str:
     rows = [[f"`{each.kept}`", "1", f"{each.hours}"] for each in longer]
     for folder in sorted({each.folder for each in left}):
         hours = [each.hours for each in left if each.folder == folder]
-        rows.append([f"others in `{folder}`", str(len(hours)), f"{sum(hours):.1f}"])
+        rows.append([f"others in `{folder}`", str(len(hours)), f"{fsum(hours):.1f}"])
     return table(["not run", "runs", "hours"], rows)
 
 

@@ -19,6 +19,7 @@ import report_ablation
 import report_authors
 import report_claims
 import report_controls
+import report_coverage
 import report_environments
 import report_mapper
 import report_paper
@@ -34,6 +35,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "known routes": report_claims.known_routes,
     "known routes by method": report_claims.by_route,
     "pairs": report_claims.pairs,
+    "coverage": report_coverage.coverage,
     "shifts": report_shifts.rates,
     "effects": report_shifts.effects,
     "new routes": report_claims.new_routes,

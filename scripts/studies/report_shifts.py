@@ -1,8 +1,8 @@
 """Tables and a figure for results.md: the performance of methods on every shift.
 
 They show success rates by split and method; the effects of a new structure, start and goal, with
-their interactions; and the effect of more goals in training. Intervals: 95% bootstrap over
-labyrinths and seeds. `report_pages.py` writes and draws them.
+their interactions; and the effect of more goals in training. Intervals: 95%, over labyrinths and
+seeds. `report_pages.py` writes and draws them.
 """
 
 from __future__ import annotations
@@ -118,7 +118,7 @@ def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float,
 
     The effect of a factor is the mean of the four cells where it is new, minus the mean of the
     other four. An interaction is half of the change in one factor's effect due to the other.
-    Labyrinths with the same structure are resampled together, as are those of the same seed.
+    Labyrinths with the same structure vary together, as do those of the same seed.
     """
     seen, unseen = (
         sum(
@@ -131,7 +131,9 @@ def effect(solved: Solved, factors: tuple[int, int, int]) -> tuple[float, float,
         )
         for new in (0, 1)
     )
-    return float(unseen.mean() + seen.mean()), *interval(unseen, -seen)
+    # The effect of a new structure alone adds all cells of a labyrinth; others subtract half.
+    ends = (0.0, 1.0) if factors == EFFECTS["structure"] else (-0.5, 0.5)
+    return float(unseen.mean() + seen.mean()), *interval(unseen, -seen, ends)
 
 
 def draw() -> Figure:

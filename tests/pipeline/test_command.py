@@ -15,8 +15,10 @@ import pytest
 from commands import RUN, ended, error_of, refused, run, spaced
 from making import Run
 from quick_python import python
+from tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
+from pipeline.config.stage import CONFIG
 
 pytestmark = pytest.mark.slow
 
@@ -161,6 +163,100 @@ def test_texts_stay_as_typed_in_each_run_of_a_sweep(tmp_path: Path) -> None:
     assert read == [[one, other, "true"] for one in revisions for other in datasets]
 
 
+LAUNCHER = """
+from hydra.core.plugins import Plugins
+from hydra.core.utils import run_job
+from hydra.plugins.launcher import Launcher
+from joblib import Parallel, delayed
+
+
+def start(number, overrides, context, config, task, state):
+    from hydra.core.singleton import Singleton
+    from hydra.core.utils import setup_globals
+
+    setup_globals()
+    Singleton.set_state(state)
+    job = context.config_loader.load_sweep_config(config, overrides)
+    job.hydra.job.id, job.hydra.job.num = str(number), number
+    where = {"job_dir_key": "hydra.sweep.dir", "job_subdir_key": "hydra.sweep.subdir"}
+    return run_job(hydra_context=context, task_function=task, config=job, **where)
+
+
+class Elsewhere(Launcher):
+    def setup(self, *, hydra_context, task_function, config):
+        self.given = hydra_context, config, task_function
+
+    def launch(self, job_overrides, initial_job_idx):
+        from hydra.core.singleton import Singleton
+
+        runs = enumerate(map(list, job_overrides), initial_job_idx)
+        state = Singleton.get_state()
+        return Parallel(2)(delayed(start)(*run, *self.given, state) for run in runs)
+"""
+"""A launcher that runs the runs of a sweep in other processes, as hydra-joblib-launcher does."""
+
+
+def test_a_launcher_may_start_the_runs_of_a_sweep_in_other_processes(tmp_path: Path) -> None:
+    package = tmp_path / "hydra_plugins" / "elsewhere"
+    package.mkdir(parents=True)
+    (package / "__init__.py").touch()
+    (package / "launcher.py").write_text(LAUNCHER)
+    own = tmp_path / "own" / "hydra" / "launcher"
+    own.mkdir(parents=True)
+    (own / "elsewhere.yaml").write_text("_target_: hydra_plugins.elsewhere.launcher.Elsewhere\n")
+    options = ["size=2x3,chess,3x2", "labyrinths=1", "random_steps=5", "stages=build"]
+    launched = ["--config-dir", "own", "-m", "hydra/launcher=elsewhere"]
+    env = os.environ | {"PYTHONPATH": f"{tmp_path}{os.pathsep}{RUN.parent}"}
+    command = [sys.executable, str(RUN), *launched, *options, "data_dir=1.10"]
+    done = ended(command, cwd=tmp_path, env=env)
+    assert done.returncode == 1
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("error: size=chess: ") == 1
+    made = {path.name for path in (tmp_path / "1.10").iterdir()}
+    assert made >= {"2x3", "3x2"}
+
+
+def test_hydra_is_given_the_objective_of_each_run_of_a_sweep(tmp_path: Path) -> None:
+    (tmp_path / "shows.py").write_text(
+        "from hydra.experimental.callback import Callback\n"
+        "class Objective(Callback):\n"
+        "    def on_job_end(self, config, job_return, **_):\n"
+        "        print('objective', job_return.return_value)\n"
+    )
+    shows = "defaults: [config, _self_]\nhydra: {callbacks: {shows: {_target_: shows.Objective}}}"
+    (tmp_path / "mine.yaml").write_text(shows)
+    stage = "return run.options.seed / 4 if run.options.seed else None"
+    named = ["--config-dir", ".", "--config-name", "mine"]
+    done = run_with(tmp_path, stage, *named, "-m", "seed=0,1,3", "stages=build")
+    assert (done.returncode, done.stderr) == (0, "")
+    shown = [line for line in done.stdout.splitlines() if line.startswith("objective")]
+    assert shown == ["objective None", "objective 0.25", "objective 0.75"]
+
+
+def test_what_was_made_lies_beside_the_options_that_make_it_again(
+    tmp_path: Path, small_dataset: Run
+) -> None:
+    data = f"data_dir={small_dataset.data_dir}"
+    method = ["method=bc", "method.epochs=1", "threads=1", "train_labyrinths=3"]
+    stages = ["stages=[train,export]", "export=imitation", "export.splits=test"]
+    texts = ["evaluation.name=true", r"evaluation.budget='1.10 \${x}'"]
+    first = run(tmp_path, "size=3", data, *method, *stages, *texts)
+    assert (first.returncode, first.stderr) == (0, "")
+    made = content_of(tmp_path)
+    of_run = "runs/3x3/bc-cnn-seed0-labyrinths3"
+    for folder in (of_run, "exports/imitation/labyrinth/3x3/test-v0"):
+        assert f"  {CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
+        again = tmp_path / "again"
+        again.mkdir()
+        done = run(again, "--config-dir", f"../{folder}", "--config-name", "config")
+        assert (done.returncode, done.stderr) == (0, "")
+        repeated = content_of(again)
+        assert repeated.keys() == made.keys()
+        for name in (f"{of_run}/{CONFIG}", f"{of_run}/policy.safetensors"):
+            assert repeated[name] == made[name]
+        shutil.rmtree(again)
+
+
 def test_what_a_user_asks_hydra_to_keep_of_a_sweep_is_kept(tmp_path: Path) -> None:
     options = ["size=2x3", "labyrinths=1,2", "data_dir=data/${labyrinths}", "stages=build"]
     given = ["hydra.sweep.dir=kept", "hydra.output_subdir=of_hydra"]
@@ -213,11 +309,13 @@ def test_a_run_says_what_it_made_in_few_lines(tmp_path: Path) -> None:
     *lines, last = run(tmp_path, "size=3", "workers=2").stdout.splitlines()
     assert len(lines) < 24
     assert all(len(line) <= 80 for line in lines)
-    assert lines[-5:] == [
+    assert lines[-7:] == [
         "To load it: load_dataset('data/labyrinth', '3x3')",
         "data/labyrinth/3x3 is valid: 4,052 rows replayed.",
-        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
-        "data/labyrinth/3x3/analysis.json has near-twins and tests of shift.",
+        "Leakage: no structure is in two splits, and none is repeated.",
+        "Mirrored with start and goal kept: none.",
+        "Turned: 15 of validation and 12 of test in train; 10 of test in validation.",
+        "Wrote data/labyrinth/3x3/analysis.json (near-duplicates, tests of shift).",
         "data/labyrinth/README.md describes 3x3.",
     ]
     assert last.startswith("Next, to look at it in a browser: python ")

@@ -224,6 +224,7 @@ import os, signal, threading, time
 from pipeline import __main__
 from pipeline.generation import build
 
+signal.signal(signal.SIGINT, signal.default_int_handler)  # nohup or a script's & may ignore it.
 make_shard = build.make_shard
 
 def make(job):

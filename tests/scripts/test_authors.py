@@ -13,6 +13,7 @@ import torch
 from learning import equal_weights, states_seen_by, targets_of
 from making import Run
 
+from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_of, simple_routes
@@ -21,7 +22,7 @@ from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.loop import fit
-from pipeline.training.methods.method import Learner, Problem, find
+from pipeline.training.methods.method import find
 from pipeline.training.record import CHECKPOINT, RECORD
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out

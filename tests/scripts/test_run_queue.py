@@ -7,18 +7,15 @@ from pathlib import Path
 
 import pytest
 import run_queue as queue
-import torch
 from composing import composed
-from train_in_bfloat16 import in_bfloat16
 
-from labyrinth_core.policies.networks.network import ResNet18
 from pipeline.training.methods.method import find
 
 
 def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     # The seeds of a method differ in their number alone.
     one_of_each = {each.kept.rpartition("-seed")[0]: each for each in queue.planned()}
-    assert len(one_of_each) > 20
+    assert len(one_of_each) > 15
     for each in one_of_each.values():
         (program, *training), (_, *evaluation) = map(shlex.split, each.commands())
         assert (queue.ROOT / program).exists()
@@ -57,15 +54,3 @@ def test_what_is_kept_is_not_repeated_and_all_hours_are_logged(
     assert (tmp_path / run.kept).read_text() == "{}"
     logged = [line.split(",")[0] for line in (tmp_path / queue.HOURS).read_text().splitlines()]
     assert logged == [run.kept, run.kept]
-
-
-def test_bfloat16_changes_features_by_its_rounding_alone_and_gradients_stay_float32() -> None:
-    torch.manual_seed(0)
-    encoder, pictures = ResNet18().eval(), torch.rand(4, 3, 64, 64)
-    exact, rounded = encoder(pictures), in_bfloat16(encoder, pictures)
-    assert exact.dtype == rounded.dtype == torch.float32
-    assert 0 < (exact - rounded).norm() / exact.norm() < 0.02
-    rounded.sum().backward()
-    assert {each.grad.dtype for each in encoder.parameters() if each.grad is not None} == {
-        torch.float32
-    }

@@ -15,11 +15,12 @@ from making import Run
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.methods.acting import load_steps
-from pipeline.training.methods.method import Learner, Problem, find
+from pipeline.training.methods.method import find
 
 torch.set_num_threads(1)
 

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import (
     CONFIG,
     POLICY,
@@ -41,7 +43,30 @@ def lay_out_run(folder, spec, **run):
     described = {"network": json.dumps(asdict(spec.network))}
     save_file(network.state_dict(), folder / POLICY, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
-    content = {"run": {"protocol": "default", "settings": settings} | run}
+    method = "bc" if spec.own is None else spec.network.encoder
+    content = {
+        "format": FORMAT,
+        "run": {
+            "method": method,
+            "encoder": spec.network.encoder,
+            "observation": spec.observation,
+            "protocol": "default",
+            "train_labyrinths": None,
+            "seed": 0,
+            "settings": settings,
+            "config": f"{spec.network.height}x{spec.network.width}",
+            "dataset": "data/labyrinth",
+            "revision": None,
+            "fingerprint": "0" * 64,
+            **run,
+        },
+        "computed": {"device": "cpu"},
+        "seconds": 1.5,
+        "epochs": 1,
+        "selected": {"epoch": 1},
+        "history": [{"epoch": 1}],
+        "files": {POLICY: file_sha256(folder / POLICY)},
+    }
     (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
     return folder
 

@@ -93,7 +93,10 @@ def put_shards(
         with pq.ParquetWriter(path, table.schema) as writer:
             for begin, end in pairwise([*groups_of(table), len(table)]):
                 writer.write_table(table.slice(begin, end - begin), row_group_size=end - begin)
-        made = {"path": path.name, "rows": len(table), "sha256": file_sha256(path)}
+        made = {"path": path.name, "rows": len(table), "bytes": path.stat().st_size}
+        made |= {"sha256": file_sha256(path)}
+        if "info" in table.column_names:
+            made |= {"labyrinths": len(table["info"].unique())}
         shards.append(replace(old[min(number, len(old) - 1)], **made))
     replace(manifest, shards=tuple(shards)).write(folder)
 
@@ -185,7 +188,7 @@ def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyri
 
 def problems(folder: Path) -> list[str]:
     """Return what validation finds, each problem in one short line."""
-    found = validate(folder, Manifest.read(folder))
+    found = validate(folder, Manifest.read(folder, renamed=True))
     assert all("\n" not in problem and len(problem) < 500 for problem in found)
     return found
 

@@ -33,8 +33,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.network import ACTIONS
+from labyrinth_core.policies.networks.network import ACTIONS, double
 from labyrinth_core.policies.networks.slots import (
     CELL,
     Slots,
@@ -138,7 +139,11 @@ class Mapper(nn.Module):
         return torch.cat([go, stay.logsumexp(2, keepdim=True)], 2)
 
     def plan(self, masks: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the slot that moves, shape (N,), and the action in each cell, shape (N, cells)."""
+        """Return the slot that moves, shape (N,), and the action in each cell, shape (N, cells).
+
+        Raises:
+            PolicyError: The weights are not finite, or so large that sums of them are not.
+        """
         roles, places = self.roles(masks), places_of(masks)
         movers = roles.moves.argmax(1)
         ends = torch.einsum("nk,nkc->nc", roles.ends.softmax(1), places).argmax(1)
@@ -148,22 +153,27 @@ class Mapper(nn.Module):
             around = Surroundings(*(each[picture, None] for each in surroundings))
             seen = around.on_ways(roles.looks[picture, None], AROUND)
             outcomes = self.outcomes(self.passable(seen)[0])
-            steps, actions = (-outcomes[:, :, :STAY].double()).exp().min(1)
+            steps, actions = (-double(outcomes[:, :, :STAY])).exp().min(1)
+            if steps.isnan().any():
+                raise PolicyError(
+                    "the mapper computes nan: its weights are not finite, or too large"
+                )
             best = _quickest(steps.T.unflatten(1, surroundings.grid), int(end))
             plans.append(actions.gather(1, best[:, None])[:, 0])
-        return movers, torch.stack(plans)
+        return movers, torch.stack(plans).to(masks.device)
 
 
 def _quickest(steps: Tensor, end: int) -> Tensor:
     """Return the move in each cell that minimises the steps to the end, shape (cells,).
 
     Args:
-        steps: The expected number of steps that each move takes, shape (8, rows, columns).
+        steps: The expected number of steps that each move takes, shape (8, rows, columns); one or
+            more, or infinite.
         end: A cell.
     """
     distance = torch.full_like(steps[0], torch.inf)
     distance.view(-1)[end] = 0
-    while True:
+    while True:  # It ends: no shortest route has more moves than there are cells.
         padded = functional.pad(distance, (1, 1, 1, 1), value=torch.inf)
         beside = [
             padded[1 + down :, 1 + right :][: len(distance), : distance.shape[1]]

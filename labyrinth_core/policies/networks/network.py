@@ -6,6 +6,9 @@ All take observations as stored, and scale them internally: pictures as uint8, s
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
@@ -22,6 +25,18 @@ MOMENTUM = 0.1
 """The momentum of the running statistics of batch normalisation."""
 WIDTH = 512
 """The width of every classifier's hidden layers (Table 1)."""
+
+
+@contextmanager
+def usual_defaults() -> Iterator[None]:
+    """Make new tensors float32 and on the CPU, whatever defaults another library has set."""
+    dtype = torch.get_default_dtype()
+    with ExitStack() as stack:
+        stack.callback(torch.set_default_dtype, dtype)
+        torch.set_default_dtype(torch.float32)
+        if torch.get_default_device().type != "cpu":  # The context slows each call of PyTorch.
+            stack.enter_context(torch.device("cpu"))
+        yield
 
 
 class Cnn(nn.Sequential):
@@ -166,3 +181,8 @@ class Network(nn.Module):
         """Return the input of the last layer, shape (batch, WIDTH)."""
         features: Tensor = self.classifier[:-1](self.encoder(as_input(observations)))
         return features
+
+
+def double(tensor: Tensor) -> Tensor:
+    """Return a tensor in double precision, on the CPU if its device (Apple's GPUs) has none."""
+    return (tensor.cpu() if tensor.device.type == "mps" else tensor).double()

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
-from labyrinth_core.policies.networks.network import ACTIONS, as_input
+from labyrinth_core.policies.networks.network import ACTIONS, as_input, double
 from labyrinth_core.policies.spec import PlannerSpec
 
 FAR = 1e9
@@ -63,9 +63,9 @@ class Bellman(nn.Module):
         else:
             # Double precision, since a wall costs far more than a step. No cheapest path has more
             # steps than there are positions.
-            sharp = (self.sharpness * logarithms.double()).exp()
+            sharp = (self.sharpness * double(logarithms)).exp()
             paths = path_costs(sharp, logarithms[0, 0].numel(), rest=True)
-            paths = (paths - paths.amin(1, keepdim=True)).float()
+            paths = (paths - paths.amin(1, keepdim=True)).float().to(scene.device)
         return -paths
 
 
@@ -75,8 +75,10 @@ def path_costs(costs: Tensor, iterations: int, *, rest: bool = False) -> Tensor:
     Args:
         costs: The costs of the four steps, and of ending, at each position, shape (N, 5, ...).
         iterations: The greatest number of iterations.
-        rest: Whether to stop as soon as nothing changes.
+        rest: Whether to stop as soon as nothing changes; or at once, if a cost is not a number.
     """
+    if rest and costs.isnan().any():
+        iterations = 0  # Nothing would ever be equal.
     step, end = costs[:, :ACTIONS], costs[:, ACTIONS]
     distance = end
     for _ in range(iterations):

@@ -97,8 +97,17 @@ function verdict({ pairs, repeated, strangers }) {
   return notice(
     broken.length
       ? sentence(broken.join("; "))
-      : "No structure is in two splits, not even mirrored, and none is repeated.",
+      : "No structure is in two splits, and none is repeated. Mirrored with start and goal kept: " +
+        `none. Turned: ${turned(pairs)}.`,
   );
+}
+
+/** Say how many structures of each split are rotated or reflected ones of another split. */
+function turned(pairs) {
+  const found = pairs.filter(({ counts }) => counts.symmetric);
+  const told = found.map(({ first, second, counts }) =>
+    `${grouped(counts.symmetric)} of ${second} in ${first}`);
+  return told.join(", ") || "none";
 }
 
 function examplesOf({ first, second, counts, examples }) {

@@ -93,7 +93,7 @@ function addTile(place) {
   tile.style.height = `${TILE_HEIGHT}px`;
   tile.style.left = `${(place % gallery.columns) * gallery.width}px`;
   tile.style.top = `${Math.floor(place / gallery.columns) * TILE_HEIGHT}px`;
-  paint(canvas, labyrinth, THUMBNAIL);
+  paint(canvas, labyrinth, THUMBNAIL, { posts: false });
   byId("list").append(tile);
   return tile;
 }

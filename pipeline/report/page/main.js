@@ -22,6 +22,12 @@ function showPart(part) {
   DRAW[part]();
 }
 
+/** Show the part that the address names, as `#leakage` or `#/leakage`; else the gallery. */
+function showAsked() {
+  const asked = location.hash.replace(/^#\/?/, "");
+  showPart(PARTS.includes(asked) ? asked : "gallery");
+}
+
 function tabKey(event) {
   const at = PARTS.indexOf(shownPart);
   const to = { ArrowRight: at + 1, ArrowLeft: at - 1, Home: 0, End: PARTS.length - 1 }[event.key];
@@ -64,8 +70,9 @@ function setUp() {
   }
   setUpGallery();
   setUpPlayer();
-  const asked = location.hash.slice(2);
-  showPart(PARTS.includes(asked) ? asked : "gallery");
+  byId("filter-box").open = !window.matchMedia("(max-width: 760px)").matches;
+  window.addEventListener("hashchange", showAsked);
+  showAsked();
   performance.mark("usable");
 }
 

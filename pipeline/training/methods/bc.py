@@ -11,12 +11,15 @@ default; here they show what they contribute without the planner's network.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import fsum
 from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.symmetry import (
     SYMMETRIES,
@@ -25,8 +28,6 @@ from labyrinth_core.policies.networks.symmetry import (
 )
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
-from pipeline.training.methods.relabelling import require_shortest
 
 
 @dataclass(frozen=True)
@@ -88,7 +89,7 @@ class Method(Learner):
             loss = self.loss(pictures, labels)
             self.descend(self.optimizer, loss)
             losses.append(loss.item())
-        return sum(losses) / len(losses)
+        return fsum(losses) / len(losses)
 
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         """Return the mean loss of a batch of examples."""
@@ -110,3 +111,17 @@ def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor
         seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
         turned.append(transform(some, symmetry) if some.dim() == 3 else some)
     return torch.cat(seen), torch.cat(turned)
+
+
+def require_shortest(arrays: LabyrinthArrays) -> None:
+    """Raise a ConfigError unless all demonstrated routes are shortest.
+
+    A part of a longer route need not be a shortest route between its ends.
+    """
+    longer = int(arrays.demonstrated[~arrays.optimal].sum())
+    check(
+        not longer,
+        f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
+        f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
+        "method.relabel=false",
+    )

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import roll_out, softmax
 from labyrinth_core.policies.networks.acting import outputs_of
-from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import roll_out, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from labyrinth_core.policies.networks.network import ACTIONS, double
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ class Method(Learner):
             self.model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
         demonstrations = self.problem.demonstrations
         pairs = self.see(demonstrations.states, demonstrations.next_states)
-        self.scores = outputs_of(self.model, pairs).double().cpu().numpy()
+        self.scores = double(outputs_of(self.model, pairs)).cpu().numpy()
 
     def labels(self) -> NDArray[np.int64]:
         """Return an action for each state pair of the demonstrations, shape (N,)."""

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.training.methods.acting import draw
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import draw
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
 from labyrinth_core.policies.networks.network import (
     ACTIONS,
     SLOPE,
@@ -42,10 +44,9 @@ from labyrinth_core.policies.networks.network import (
     Mlp,
     Network,
     as_input,
+    double,
 )
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.methods.acting import Rollout, roll_out, settle, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""
@@ -151,7 +152,7 @@ class Method(Learner):
 
     def epoch(self) -> dict[str, float]:
         problem, settings = self.problem, self.settings
-        outputs = self.outputs(self.actor).double()
+        outputs = double(self.outputs(self.actor))
         probabilities = softmax(outputs[:, :-1])
         rollout = roll_out(
             problem.arrays, probabilities, self.where, self.taken, settings.steps, problem.rng
@@ -204,7 +205,7 @@ class Method(Learner):
 
 def reward_of(logits: Tensor) -> Tensor:
     """Return the reward log D, which is negative, from the discriminator's logits."""
-    return functional.logsigmoid(logits.double())
+    return functional.logsigmoid(double(logits))
 
 
 def shares_of(

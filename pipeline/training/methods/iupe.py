@@ -28,9 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.steps import draw, roll_out, softmax
 from pipeline.training.methods import bco
-from pipeline.training.methods.acting import draw, roll_out, softmax
-from pipeline.training.methods.method import Problem, setting
 
 
 @dataclass(frozen=True)

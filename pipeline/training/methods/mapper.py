@@ -34,6 +34,7 @@ from torch.nn import functional
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
@@ -53,7 +54,6 @@ from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.errors import check
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
 
 
 @dataclass(frozen=True)

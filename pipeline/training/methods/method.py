@@ -1,235 +1,25 @@
-"""The interface of a method: its settings, and a learner that trains one epoch at a time.
+"""Find a method of learning by its name, with its settings.
 
 A built-in method is a module here with two classes, `Settings` and `Method`. A user's own method,
 `method=custom method._target_=module.Class`, has `Settings` in the same module
-(docs/new-method.md).
+(docs/new-method.md). The base classes are in `labyrinth_core.learning`.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
-from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from functools import cached_property
+from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from importlib import import_module
 from inspect import isabstract, isclass
-from math import inf
-from typing import Any, ClassVar
+from typing import Any
 
-import numpy as np
-import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
-from torch.nn import functional
-from torch.nn.utils import clip_grad_norm_
-from torch.optim import Adam
-
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.acting import outputs_of
-from labyrinth_core.policies.networks.network import ACTIONS, Network
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.learning.learner import BaseSettings, Learner
+from labyrinth_core.learning.learner import Problem as Problem
+from labyrinth_core.learning.learner import setting as setting
 from pipeline.config.errors import check, listed
 from pipeline.config.method import METHODS, target_of
-from pipeline.config.option import check_options, frozen, option
+from pipeline.config.option import check_options, frozen
 from pipeline.config.training import TrainingOptions, named
-from pipeline.training.methods.acting import Steps
-from pipeline.training.methods.relabelling import ExampleSampler
-
-
-def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
-    """Return the field that declares a setting, as `option` does."""
-    return option(default, meaning, at_least=at_least, at_most=at_most)
-
-
-@dataclass(frozen=True)
-class BaseSettings:
-    """The settings of every method; a method declares further ones with `setting`.
-
-    To change only the default of a setting, write `epochs: int = 30`: meaning and limits stay.
-    """
-
-    epochs: int = setting(100, "number of calls of `Learner.epoch`", at_least=1)
-    evaluate_every: int = setting(
-        2, "number of epochs between evaluations on train and validation", at_least=1
-    )
-    batch_size: int = setting(64, "number of transitions in a gradient step", at_least=2)
-    learning_rate: float = setting(
-        0.0005, "learning rate of Adam (5e-4 in the supplement, section 3)"
-    )
-
-    def __init_subclass__(cls) -> None:
-        super().__init_subclass__()
-        for base in cls.__mro__[1:]:
-            for each in fields(base) if is_dataclass(base) else ():
-                default = vars(cls).get(each.name, MISSING)
-                if default is not MISSING and not isinstance(default, Field):
-                    setattr(cls, each.name, field(default=default, metadata=each.metadata))
-
-
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """Everything that a method may learn from and compute with."""
-
-    arrays: LabyrinthArrays
-    """The labyrinths of the split train only."""
-    observations: Tensor
-    """The observations of `arrays`, on the device, shape (S, ...)."""
-    demonstrations: Steps
-    exploration: Callable[[], Steps]
-    """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
-    spec: NetworkSpec
-    rng: np.random.Generator
-    """The source of all randomness except weights and dropout, which use torch's generator."""
-
-    @property
-    def device(self) -> torch.device:
-        """The device to compute on."""
-        return self.observations.device
-
-    @cached_property
-    def examples(self) -> ExampleSampler:
-        """A sampler of pictures from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays)
-
-
-class Learner(ABC):
-    """A method during training.
-
-    Checkpoints save its attributes, which may be networks, optimizers, arrays and numbers. Nothing
-    else may change between epochs.
-    """
-
-    policy: nn.Module
-    """The network that is evaluated and kept; the action is its highest output."""
-    selected_by: ClassVar[str] = "validation_sr"
-    """The metric by which the best policy is selected; higher is better."""
-    max_gradient: ClassVar[float] = inf
-    """The norm to which the gradients of a step are clipped."""
-    own_network: ClassVar[bool] = False
-    """Whether a user's method has its own network for pictures, in place of `encoder`."""
-    protocol: ClassVar[str | None] = None
-    """The only protocol that the method supports; None for all protocols but `authors`."""
-
-    def __init__(self, problem: Problem, settings: Any) -> None:
-        self.problem = problem
-        self.settings = settings
-        self.policy = self.make(problem.spec, settings).to(problem.device)
-        self.optimizer = self.adam(self.policy)
-
-    @classmethod
-    def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
-        """Return a fresh network for the policy; override this to use another class."""
-        return Network(spec)
-
-    @classmethod
-    def image_size(cls, spec: NetworkSpec, settings: Any, height: int, width: int) -> int:  # noqa: ARG003
-        """Return the pixels on each side of the pictures that the policy sees.
-
-        Args:
-            spec: The network, with the size of the labyrinths that it was trained on.
-            settings: The settings of the method.
-            height: The number of rows of the labyrinths to act in, which may have another size.
-            width: The number of their columns.
-
-        Raises:
-            ConfigError: The policy cannot see labyrinths of that size.
-        """
-        return DEFAULT_IMAGE_SIZE
-
-    @classmethod
-    def figures(
-        cls,
-        policy: Policy,  # noqa: ARG003
-        train: LabyrinthArrays,  # noqa: ARG003
-        validation: LabyrinthArrays,  # noqa: ARG003
-    ) -> dict[str, float]:
-        """Return the metrics, besides success rates, of a policy evaluated during training."""
-        return {}
-
-    @classmethod
-    def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
-        """Return the figures of a policy under the protocol's own rules, if it has any."""
-        return {}
-
-    @classmethod
-    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
-        """Return the policy that acts, in any form that `evaluate` accepts.
-
-        By default it is a function, which has no memory and so is evaluated by look-ups. A method
-        whose policy has a memory returns an object with `reset(count)` and `act(observations)`,
-        which then plays the episodes step by step, during training and in evaluation.
-
-        Args:
-            policy: A function from B observations to scores of shape (B, 4).
-            spec: The network, with the size of the labyrinths to act in.
-            settings: The settings of the method.
-        """
-        return policy
-
-    @abstractmethod
-    def epoch(self) -> dict[str, float]:
-        """Train for an epoch; return metrics to log, among them `loss`."""
-
-    def network(self, outputs: int = ACTIONS, frames: int = 1) -> Network:
-        """Return a fresh network with the run's encoder; see `Network`."""
-        return Network(self.problem.spec, outputs, frames).to(self.problem.device)
-
-    def adam(self, network: nn.Module) -> Adam:
-        """Return an Adam optimizer for a network."""
-        return Adam(network.parameters(), lr=self.settings.learning_rate)
-
-    def descend(self, optimizer: Adam, loss: Tensor) -> None:
-        """Take a gradient step."""
-        optimizer.zero_grad()
-        loss.backward()
-        if self.max_gradient < inf:
-            clip_grad_norm_(optimizer.param_groups[0]["params"], self.max_gradient)
-        optimizer.step()
-
-    def tensor(self, array: NDArray[Any]) -> Tensor:
-        """Return an array as a tensor on the device."""
-        return torch.as_tensor(array, device=self.problem.device)
-
-    def see(self, *states: NDArray[np.int64]) -> Tensor:
-        """Return the observations of states; of several arrays, concatenated on the last axis."""
-        seen = self.problem.observations  # Indexing by [] is ten times slower.
-        return torch.cat([seen.index_select(0, self.tensor(each)) for each in states], -1)
-
-    def outputs(self, network: nn.Module) -> Tensor:
-        """Return a network's outputs for all states, in evaluation mode, shape (S, outputs)."""
-        return outputs_of(network, self.problem.observations)
-
-    def batches(self, count: int) -> list[NDArray[np.int64]]:
-        """Return the numbers from 0 to `count` - 1 in random order, split into batches."""
-        order = self.problem.rng.permutation(count)
-        return np.array_split(order, -(-count // self.settings.batch_size))
-
-    def clone(
-        self,
-        network: nn.Module,
-        optimizer: Adam,
-        states: tuple[NDArray[np.int64], ...],
-        labels: NDArray[np.int64],
-    ) -> float:
-        """Train a classifier for one pass over its labels; return the mean cross-entropy.
-
-        Args:
-            network: The classifier, which is set to training mode.
-            optimizer: The classifier's optimizer.
-            states: The numbers of N states, shape (N,); several arrays for a network that sees
-                several states at once.
-            labels: The classes, shape (N,).
-        """
-        network.train()
-        total = 0.0
-        for batch in self.batches(len(labels)):
-            scores = network(self.see(*(each[batch] for each in states)))
-            loss = functional.cross_entropy(scores, self.tensor(labels[batch]))
-            self.descend(optimizer, loss)
-            total += loss.item() * len(batch)
-        return total / len(labels)
 
 
 def find(
@@ -279,8 +69,8 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
     settings = next(filter(None, declared), BaseSettings)
     check(
         isclass(method) and issubclass(method, Learner) and not isabstract(method),
-        f"method={name}: give a class that inherits from pipeline.training.methods.method.Learner "
-        "and has a method epoch",
+        f"method={name}: give a class that inherits from labyrinth_core.learning.Learner and "
+        "has a method epoch",
     )
     check(
         isclass(settings)

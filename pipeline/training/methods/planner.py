@@ -41,13 +41,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam
 
+from labyrinth_core.learning.examples import NO_LABEL
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.acting import make_network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.spec import NetworkSpec, PlannerSpec
-from pipeline.config.errors import check
+from pipeline.config.errors import ConfigError, check
 from pipeline.training.methods import bc
-from pipeline.training.methods.relabelling import NO_LABEL
 
 RISE, FALL = 0.05, 0.5
 """The shares of training, at its start and end, in which the learning rate rises and falls."""
@@ -80,6 +80,10 @@ class Method(bc.Method):
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
         _require_square(settings, spec.height, spec.width)
+        try:
+            settings.require_bounded(settings.average)
+        except ValueError as error:
+            raise ConfigError(f"method.{error}") from error
         return make_network(spec, average=settings.average, own=settings)
 
     @classmethod

@@ -31,9 +31,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import roll_out, settle, softmax
-from pipeline.training.methods.method import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import roll_out, settle, softmax
+from labyrinth_core.policies.networks.network import ACTIONS, double
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class Method(Learner):
         """Return V for all states, shape (S,), given Q for all states, shape (S, 4)."""
         settings, arrays = self.settings, self.problem.arrays
         tau = settings.temperature
-        values: NDArray[np.float64] = (tau * torch.logsumexp(q.double() / tau, 1)).cpu().numpy()
+        values: NDArray[np.float64] = (tau * torch.logsumexp(double(q) / tau, 1)).cpu().numpy()
         # In an absorbing state all actions are equivalent, so the entropy is log 4 per step.
         forever = (1 + tau * np.log(ACTIONS)) / (1 - settings.gamma)
         return np.where(arrays.terminal, np.where(arrays.goal, forever, 0), values)

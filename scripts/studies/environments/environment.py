@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from math import fsum
 from typing import Any
 
 import gymnasium
@@ -127,7 +128,7 @@ def _gymnasium(name: str) -> Environment:
             states.append(observation)
             rewards.append(float(reward))
             over = terminated or truncated
-        return Trajectory(np.array(states, np.float64), np.array(actions), sum(rewards))
+        return Trajectory(np.array(states, np.float64), np.array(actions), fsum(rewards))
 
     return Environment(
         play,

@@ -105,6 +105,55 @@ def test_show_writes_a_picture_with_the_solution_if_it_is_asked_for(run, tmp_pat
     assert plain.read_bytes() != solved.read_bytes()
 
 
+WALLED = """
+labyrinth:
+---------
+| %s |   |
+|   +   |
+| S | E |
+---------
+end
+"""
+
+
+@pytest.mark.parametrize(
+    ("settings", "tile", "reason"),
+    [
+        ("", " ", "no route leads from start to goal"),
+        ("icy_floor: True", "I", "no route without ice leads from start to goal"),
+        ("key_and_lock: True", "K", "no route leads from start to goal"),
+        ("occlusion: True", " ", "no route leads from start to goal"),
+    ],
+)
+def test_what_cannot_be_solved_is_drawn_with_the_reason(run, tmp_path, settings, tile, reason):
+    path, picture = tmp_path / "walled.labyrinth", tmp_path / "walled.png"
+    path.write_text(settings + WALLED % tile)
+    status, out, err = run("show", path)
+    assert (status, reason in err) == (1, True)
+    assert f"| {tile} |   |\n|   +   |\n| S | E |" in out
+    assert settings in out
+    assert run("show", path, "--png", picture)[:2] == (1, "")
+    with Image.open(picture) as shown:
+        assert shown.size == (600, 600)
+    for flags in (["--solution"], ["--gif", tmp_path / "x.gif"]):
+        status, out, err = run("show", path, *flags)
+        assert (status, out, reason in err) == (1, "", True)
+    assert run("check", path)[0] == 1
+
+
+@pytest.mark.parametrize("task", Task)
+def test_a_blank_drawing_has_no_walls_and_no_tiles(run, tmp_path, task):
+    status, out, err = run("new", "--blank", "--size", "2x3", "--task", task)
+    assert (status, err) == (0, "")
+    assert out.endswith(
+        "labyrinth:\n-------------\n|         E |\n|   +   +   |\n| S         |\n"
+        "-------------\nend\n"
+    )
+    assert out.count("True") == (task is not Task.NAVIGATION)
+    (tmp_path / "blank.labyrinth").write_text(out)
+    assert run("show", tmp_path / "blank.labyrinth")[1] == out
+
+
 def test_a_picture_that_cannot_be_is_refused_in_one_line(run, refused, tmp_path):
     path = tmp_path / "large.labyrinth"
     path.write_text(run("new", "--size", "2x400")[1])
@@ -164,6 +213,8 @@ def test_new_without_a_seed_prints_another_one_each_time(run):
             ["new", "--size", "2", "--task", "icy-floor"],
             "goal=(1, 1): none of 10,000 random labyrinths",
         ),
+        (["new", "--blank", "--seed", "0"], "labyrinth: --blank needs no --sampler, "),
+        (["new", "--blank", "--sampler", "prim"], "labyrinth: --blank needs no --sampler, "),
         (["new", "--task", "maze"], "argument --task: 'maze': choose one of navigation, "),
         (["new", "--seed", "-1"], "argument --seed: '-1': give a whole number from 0 on"),
         (["new", "--sampler", "maze"], "sampler=maze: choose one of wilson, "),
@@ -247,6 +298,23 @@ def test_no_name_of_a_file_colours_or_clears_the_terminal(run, tmp_path):
     file.write_bytes(Path(NAVIGATION).read_bytes())
     assert run("check", file)[1].startswith(rf"{tmp_path}/a\x1b[2J.labyrinth: ok, 3x3, ")
     assert r"\x1b[2J" in run("\x1b[2J")[2]
+
+
+def test_no_name_of_a_file_forges_a_line_of_the_terminal(run, tmp_path):
+    folder = tmp_path / "a\nfile: ok"
+    folder.mkdir()
+    file = folder / "1.labyrinth"
+    spelt = rf"{tmp_path}/a\nfile: ok"
+    assert run("check", file)[2].count("\n") == 1
+    file.write_bytes(Path(NAVIGATION).read_bytes())
+    assert run("check", file)[1].count("\n") == 1
+    (folder / "2.labyrinth").write_text("nonsense", encoding="utf-8")
+    assert run("check", folder / "2.labyrinth")[2].startswith(f"{spelt}/2.labyrinth:1:1: ")
+    _, out, err = run("convert", folder, "--output", tmp_path / "new\nline")
+    assert (out.count("\n"), err.count("\n")) == (1, 1)
+    _, out, err = run("convert", folder, "--output", folder)
+    assert (out, err.count("\n")) == ("", 1)
+    assert run("a\nb")[2].count("\n") == 1
 
 
 def test_standard_output_that_the_shell_has_closed_changes_nothing():

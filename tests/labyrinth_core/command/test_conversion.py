@@ -85,6 +85,7 @@ def test_an_archive_is_refused_in_one_line_that_says_to_unpack_it(run, tmp_path)
 def test_a_mistake_gets_one_line_and_leaves_nothing(run, tmp_path, monkeypatch, arguments, message):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "empty").mkdir()
+    Path("a.txt").write_text("[]")
     np.save("two.npy", np.stack([GRID, GRID]))
     before = sorted(tmp_path.iterdir())
     status, out, err = run(*arguments)
@@ -107,3 +108,15 @@ def test_a_full_disk_leaves_nothing(run, tmp_path, monkeypatch):
     assert (status, out) == (1, "")
     assert err.endswith("000001.labyrinth: No space left on device\n")
     assert [path.name for path in tmp_path.iterdir()] == ["two.npy"]
+
+
+@pytest.mark.parametrize("name", ["nothere", "nothere.npy", "nothere.labyrinth", "a/b", "link"])
+@pytest.mark.parametrize("option", [[], ["--output", "o"], ["--size", "3"]])
+def test_a_file_that_is_not_there_is_named_whatever_the_options_are(
+    tmp_path, monkeypatch, capsys, name, option
+):
+    monkeypatch.chdir(tmp_path)
+    Path("link").symlink_to("gone")
+    assert main(["convert", name, *option]) == 1
+    out, err = capsys.readouterr()
+    assert (out, err) == ("", f"labyrinth: {name}: No such file or directory\n")

@@ -61,6 +61,16 @@ def load_few(folder, made=None):
     return Transitions(**cached(folder, (4, 2, 2, 3), content()))
 
 
+def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_removed(cache):
+    load_few(cache / NAME)
+    (cache / f".{NAME}.lock").touch()
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+    with locked(cache / f".{NAME}.lock"):
+        load_few(cache / NAME)
+        assert (cache / f".{NAME}.lock").exists()
+
+
 # What is kept.
 
 
@@ -305,7 +315,7 @@ def test_a_folder_under_the_name_of_a_cache_with_a_file_of_another_is_left_and_d
     for path in folder.iterdir():
         path.unlink()
     (folder / "mine").write_text("")
-    with pytest.warns(UserWarning, match="the frame cache cannot be used: .*held in memory"):
+    with pytest.warns(UserWarning, match=r"cannot be used: .*/mine.*held in memory"):
         again = load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert_same(again, whole)
     assert [path.name for path in only_folder(cache).iterdir()] == ["mine"]

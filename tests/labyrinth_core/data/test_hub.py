@@ -117,3 +117,12 @@ print(get_session().headers["mine"], get_session().timeout.read)
 def test_another_limit_than_seconds_is_refused(hub: LocalHub) -> None:
     printed, _ = run(hub, READ.format(LOAD), LABYRINTH_HUB_SECONDS="soon")
     assert printed == "LABYRINTH_HUB_SECONDS=soon: give a number of seconds, such as 60\n"
+
+
+@pytest.mark.parametrize("revision", ["1.0.3", "0" * 40, "refs/pr/7"])
+def test_a_wrong_revision_is_told_with_those_that_there_are(hub: LocalHub, revision: str) -> None:
+    hub.tag(REPO, "1.0.2")
+    for code in (LOAD, STREAM):
+        script = READ.format(code.replace("split=", f"revision={revision!r}, split="))
+        printed, _ = run(hub, script)
+        assert printed == f"user/labyrinth has no revision {revision}, it has 1.0.2, main\n"

@@ -326,7 +326,10 @@ def test_a_shard_with_more_rows_than_the_manifest_says_is_not_read(data_dir, tmp
 )
 def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, count, message):
     schema = arrow_schema()
-    table = pa.table([pa.nulls(count, field.type) for field in schema], schema=schema)
+    columns = {field.name: pa.nulls(count, field.type) for field in schema}
+    # The file is no smaller than one of so many rows could be.
+    columns["rewards"] = pa.array(np.random.default_rng(0).random(count, np.float32))
+    table = pa.table(columns, schema=schema)
     folder = shutil.copytree(data_dir, tmp_path / "nulls")
     put_shards(folder / "3x3", "train", [table])
     with pytest.raises(DatasetError, match=message):
@@ -475,6 +478,28 @@ def test_a_file_that_is_no_shard_is_refused(data_dir, tmp_path, load, damage):
     path.unlink()
     if damage == "one bit":
         path.write_bytes(whole[:200] + bytes([whole[200] ^ 1]) + whole[201:])
-    message = "cannot be read: .*No such file" if damage == "missing" else "is damaged: its sha256"
+    message = "is missing: build it again" if damage == "missing" else "is damaged: its sha256"
     with pytest.raises(DatasetError, match=rf"\A[^\n]*{message}[^\n]+\Z"):
         list(load(folder, "3x3"))
+
+
+@pytest.mark.parametrize(
+    "index",
+    [True, False, np.True_, None, np.zeros((2, 2), np.int64), [[0, 1]], (slice(2), None)],
+    ids=str,
+)
+def test_an_index_that_would_add_an_axis_is_refused(data_dir, index):
+    transitions = load_transitions(data_dir, "3x3", observation="vector")
+    with pytest.raises(IndexError, match=r"index=.*: give a number, a slice, or one axis of "):
+        transitions[index]
+
+
+@pytest.mark.parametrize("index", [2, -1, np.int64(2), np.array(2)], ids=repr)
+def test_a_number_gives_a_transition_and_one_axis_a_batch(data_dir, index):
+    transitions = load_transitions(data_dir, "3x3", observation="vector")
+    expected = transitions.observations[int(index)]
+    assert np.array_equal(transitions[index].observation, expected)
+    mask = np.zeros(len(transitions), np.bool_)
+    mask[int(index)] = True
+    for several in ([int(index)], np.array([index]), mask, mask.tolist()):
+        assert np.array_equal(transitions[several].observation, [expected])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+import traceback
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, fields
 from pathlib import Path
@@ -37,10 +38,13 @@ def content(small_dataset: Run) -> Any:
 
 @pytest.fixture(scope="module")
 def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp("manifest")
+    folder = tmp_path_factory.mktemp("manifest") / "3x3"
+    folder.mkdir()
+    return folder
 
 
 def read_back(folder: Path, content: Any) -> Manifest:
+    """Read a manifest back from a folder of the dataset's name."""
     (folder / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     return Manifest.read(folder)
 
@@ -53,12 +57,19 @@ def places(content: Any) -> Iterator[tuple[Any, Any]]:
             yield from places(content[key])
 
 
-def test_a_manifest_survives_the_way_to_disk_and_back(small_dataset: Run, tmp_path: Path) -> None:
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """An empty folder with the name of the small dataset."""
+    (tmp_path / "3x3").mkdir()
+    return tmp_path / "3x3"
+
+
+def test_a_manifest_survives_the_way_to_disk_and_back(small_dataset: Run, folder: Path) -> None:
     manifest = Manifest.read(small_dataset.folder)
-    manifest.write(tmp_path)
-    assert Manifest.read(tmp_path) == manifest
-    assert (tmp_path / MANIFEST).read_bytes() == (small_dataset.folder / MANIFEST).read_bytes()
-    assert [path.name for path in tmp_path.iterdir()] == [MANIFEST]
+    manifest.write(folder)
+    assert Manifest.read(folder) == manifest
+    assert (folder / MANIFEST).read_bytes() == (small_dataset.folder / MANIFEST).read_bytes()
+    assert [path.name for path in folder.iterdir()] == [MANIFEST]
 
 
 @pytest.mark.slow
@@ -144,7 +155,7 @@ def with_shard(content: Any, **values: Any) -> Any:
             lambda content: with_shard(content, split="eval", path="eval-00000-of-00001.parquet"),
             "split 'eval' cannot",
         ),
-        (lambda content: content | {"format": 1}, "its format is 1, not 2"),
+        (lambda content: content | {"format": 1}, "has format 1, and this version reads 2 and 3: "),
         (lambda content: {k: v for k, v in content.items() if k != "labyrinths"}, "labyrinths"),
         *(
             (lambda content, more=more: with_shard(content, **more), "cannot be read: .*a shard")
@@ -157,11 +168,11 @@ def with_shard(content: Any, **values: Any) -> Any:
     ],
 )
 def test_a_manifest_that_was_edited_is_refused(
-    content: Any, tmp_path: Path, edit: Callable[[Any], Any], message: str
+    content: Any, folder: Path, edit: Callable[[Any], Any], message: str
 ) -> None:
-    assert read_back(tmp_path, content).labyrinths is not None
+    assert read_back(folder, content).labyrinths is not None
     with pytest.raises(DatasetError, match=message):
-        read_back(tmp_path, edit(content))
+        read_back(folder, edit(content))
 
 
 def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) -> None:
@@ -173,3 +184,51 @@ def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) 
         shards = (*manifest.shards[:place], other, *manifest.shards[place + 1 :])
         changed = Manifest(manifest.config, manifest.versions, shards)
         assert changed.fingerprint != manifest.fingerprint
+
+
+REBUILD = "build it again with overwrite=true, or download it again"
+
+
+@pytest.mark.parametrize(
+    ("raw", "reason"),
+    [
+        (b"", "Expecting value: line 1 column 1"),
+        (b'{"format": 2, "name"', "Expecting ':' delimiter: line 1 column 21"),
+        (bytes(range(128, 256)) * 9, "'utf-8' codec can't decode byte 0x80 in position 0"),
+        (b"[]", "it is not the manifest of a dataset"),
+        (b"3", "it is not the manifest of a dataset"),
+        (b"{}", "it has no 'format'"),
+    ],
+)
+def test_a_damaged_manifest_is_told_in_one_short_line_with_advice(
+    folder: Path, raw: bytes, reason: str
+) -> None:
+    (folder / MANIFEST).write_bytes(raw)
+    with pytest.raises(DatasetError) as caught:
+        Manifest.read(folder)
+    message = str(caught.value)
+    assert message.startswith(f"{folder / MANIFEST} cannot be read: {reason}")
+    assert message.endswith(REBUILD)
+    assert len(message) < len(str(folder)) + 300
+    assert message.isprintable()
+
+
+@pytest.mark.parametrize("form", [1, 4, "2", None, [], {}])
+def test_a_manifest_of_another_format_is_not_called_damaged(
+    content: Any, folder: Path, form: Any
+) -> None:
+    with pytest.raises(DatasetError, match=r"has format .*, and this version reads 2 and 3: use"):
+        read_back(folder, content | {"format": form})
+
+
+@pytest.mark.parametrize("field", ["task", "solutions", "sampler", "shifts", "\x1b[31m"])
+def test_control_characters_of_a_manifest_are_not_sent_to_a_terminal(
+    content: Any, folder: Path, field: str
+) -> None:
+    evil = "\x1b[2J\r\x9b31m\u202e\nforged"
+    value = [evil] if field == "shifts" else evil
+    with pytest.raises(DatasetError) as caught:
+        read_back(folder, content | {"config": content["config"] | {field: value}})
+    printed = "".join(traceback.format_exception(caught.value))
+    assert printed.replace("\n", "").isprintable()
+    assert str(caught.value).isprintable()

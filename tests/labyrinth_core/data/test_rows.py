@@ -11,8 +11,9 @@ import pyarrow.parquet as pq
 import pytest
 from making import Run
 
+from labyrinth_core.data.errors import readable
 from labyrinth_core.data.format import arrow_schema
-from labyrinth_core.data.rows import open_shard, readable
+from labyrinth_core.data.rows import open_shard
 from pipeline.generation.table import read_schema
 
 

@@ -23,6 +23,7 @@ from labyrinth_core.data.storage import (
     RemotePath,
     folder_at,
     local_copy,
+    named_file,
     replacing,
     temporaries,
     temporary_beside,
@@ -131,7 +132,7 @@ def test_a_file_that_is_not_finished_is_not_there(
 
 
 @pytest.mark.parametrize("write", ["write_bytes", "new_file", "replacing"])
-def test_a_link_stays_and_a_folder_is_never_replaced(tmp_path: Path, write: str) -> None:
+def test_a_link_is_replaced_itself_and_a_folder_never(tmp_path: Path, write: str) -> None:
     def put(path: Path) -> None:
         if write == "write_bytes":
             write_bytes(path, b"new")
@@ -139,22 +140,32 @@ def test_a_link_stays_and_a_folder_is_never_replaced(tmp_path: Path, write: str)
         with new_file(path, tmp_path) if write == "new_file" else replacing(path) as local:
             local.write_bytes(b"new")
 
-    for place in ("there", "new"):
-        target, link = tmp_path / f"of-{place}", tmp_path / f"to-{place}"
-        if place == "there":
-            target.write_bytes(b"old")
-        link.symlink_to(target)
+    target, folder = tmp_path / "target", tmp_path / "folder"
+    target.write_bytes(b"old")
+    folder.mkdir()
+    for place in (target, folder, tmp_path / "nowhere"):
+        link = tmp_path / f"to-{place.name}"
+        link.symlink_to(place)
         put(link)
-        assert link.is_symlink()
-        assert target.read_bytes() == b"new"
-    (tmp_path / "folder").mkdir()
-    (tmp_path / "link").symlink_to(tmp_path / "folder")
-    for name in ("folder", "link"):
-        with pytest.raises(FileExistsError, match=f"is not a regular file.*{name}"):
-            put(tmp_path / name)
-    assert (tmp_path / "link").is_symlink()
-    assert list((tmp_path / "folder").iterdir()) == []
-    assert len(list(tmp_path.iterdir())) == 6
+        assert not link.is_symlink()
+        assert link.read_bytes() == b"new"
+    with pytest.raises(FileExistsError, match=r"is not a regular file.*folder"):
+        put(folder)
+    assert target.read_bytes() == b"old"
+    assert list(folder.iterdir()) == []
+    assert len(list(tmp_path.iterdir())) == 5
+
+
+def test_a_link_that_a_user_names_for_output_leads_to_its_target(tmp_path: Path) -> None:
+    link, folder = tmp_path / "link", tmp_path / "folder"
+    link.symlink_to("target")
+    folder.symlink_to(tmp_path)
+    write_bytes(named_file(link), b"new")
+    assert link.is_symlink()
+    assert (tmp_path / "target").read_bytes() == b"new"
+    assert named_file(tmp_path / "other") == tmp_path / "other"
+    with pytest.raises(FileExistsError, match="is not a regular file"):
+        named_file(folder)
 
 
 def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) -> None:
@@ -187,8 +198,9 @@ def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: P
     made = temporary_beside(path)
     for name in (made.name, f".README.md.{'0' * 12}.{'0' * 8}.tmp", ".README.md.tmp", "x.tmp"):
         (tmp_path / name).touch()
-    assert temporaries(path) == [made]
-    assert temporaries(tmp_path / "README") == temporaries(path, ".replaced") == []
+    assert temporaries(tmp_path, [path.name]) == [made]
+    assert temporaries(tmp_path, ["README"]) == []
+    assert temporaries(tmp_path, [path.name], ".replaced") == []
 
 
 class FailingStore(fsspec.AbstractFileSystem):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import gc
 import json
 import pickle
 import shutil
@@ -248,7 +250,8 @@ for options in ({{}}, {{"num_workers": 1}}, {{"batch_size": None}}, {{"shuffle":
     assert all(line.endswith("before torch was imported: import torch first") for line in lines)
 
 
-def test_rows_lost_between_two_groups_are_missed(folders, tmp_path):
+def test_rows_lost_between_two_groups_are_missed(folders, tmp_path, monkeypatch):
+    monkeypatch.setattr(dataset, "FULL", 1 << 24)  # The table, which has the old rows, is not read.
     folder = Path(shutil.copytree(folders[7], tmp_path / "damaged"))
     paths = [folder / CONFIG / each.path for each in Manifest.read(folder / CONFIG).of("train")]
     table, *others = map(pq.read_table, paths)
@@ -256,7 +259,7 @@ def test_rows_lost_between_two_groups_are_missed(folders, tmp_path):
     rows = pa.concat_tables([table.slice(0, end), table.slice(end + 1)])
     put_shards(folder / CONFIG, "train", [rows, *others], lambda _: [0, end])
     with worker(1, 2), pytest.raises(DatasetError, match="episode_starts: False where"):
-        list(stream_episodes(folder, CONFIG, labyrinths=4, **VECTOR))
+        list(stream_episodes(folder, CONFIG, **VECTOR))
 
 
 @pytest.mark.parametrize(
@@ -301,5 +304,142 @@ def test_a_state_or_epoch_that_cannot_be_is_refused(folders):
     stream.load_state_dict(state)
     with worker(0, 2), pytest.raises(ValueError, match="another stream"):
         iter(stream)
-    with pytest.raises(ValueError, match=r"\Aepoch=-1: give a whole number from 0 on\Z"):
+    with pytest.raises(ValueError, match=r"\Aepoch=-1: give a whole number from 0 to \d+\Z"):
         stream.set_epoch(-1)
+
+
+def test_a_loop_that_sets_the_epoch_gets_another_order_in_each(folders):
+    # As the callback for Lightning in docs/loading.md does, which calls `set_epoch` for samplers
+    # alone.
+    stream = stream_episodes(folders[7], CONFIG, shuffle=True, **VECTOR)
+    orders = []
+    for epoch in range(3):
+        stream.set_epoch(epoch)
+        orders.append(keys(stream))
+    assert orders[0] != orders[1] != orders[2] != orders[0]
+    assert Counter(orders[0]) == Counter(orders[1]) == Counter(orders[2])
+
+
+@pytest.mark.parametrize("shuffle", [False, 30])
+@pytest.mark.parametrize("options", [VECTOR, {"image_size": 8}, {"observation": "text"}], ids=str)
+def test_items_share_no_memory_that_can_be_written(folders, shuffle, options):
+    place, written = (folders[7], CONFIG), stream_transitions
+    expected = keys(written(*place, shuffle=shuffle, **options))
+    met = []
+    for item in written(*place, shuffle=shuffle, **options):
+        met += keys([item])
+        for array in (item.observation, item.next_observation):
+            if isinstance(array, np.ndarray):
+                array[...] = 0
+    assert met == expected
+
+
+def test_next_follows_the_state_and_the_epoch_that_are_set(folders):
+    stream = stream_transitions(folders[7], CONFIG, shuffle=30, **VECTOR)
+    every = keys(stream)
+    items = iter(stream)
+    assert keys(islice(items, 20)) == every[:20]
+    state = stream.state_dict()
+    stream.load_state_dict(
+        stream_transitions(folders[7], CONFIG, shuffle=30, **VECTOR).state_dict()
+    )
+    assert keys([next(stream), next(stream)]) == every[:2]
+    stream.load_state_dict(state)
+    assert stream.state_dict() == state
+    assert keys([next(stream)]) == every[20:21]
+    stream.set_epoch(0)  # The same.
+    assert keys([next(stream)]) == every[21:22]
+    stream.set_epoch(1)
+    other = stream_transitions(folders[7], CONFIG, shuffle=30, **VECTOR)
+    other.set_epoch(1)
+    assert stream.state_dict() == other.state_dict()
+    assert keys([next(stream)]) == keys(other)[:1]
+    stream.close()
+    stream.load_state_dict(state)
+    assert keys([next(stream)]) == every[20:21]
+
+
+@pytest.mark.parametrize(
+    "copied", [copy.deepcopy, copy.copy, lambda s: pickle.loads(pickle.dumps(s))]
+)
+def test_a_copy_says_where_it_begins(folders, copied):
+    stream = stream_transitions(folders[7], CONFIG, **VECTOR)
+    every, start = keys(stream), stream.state_dict() | {"shard": 0}
+    stream = stream_transitions(folders[7], CONFIG, **VECTOR)
+    for _ in range(3):
+        next(stream)
+    third = stream.state_dict()
+    other = copied(stream)
+    assert other.state_dict() == start
+    assert keys([next(other)]) == every[:1]
+    assert stream.state_dict() == third
+    stream.load_state_dict(third)
+    other = copied(stream)
+    assert other.state_dict() == third
+    assert keys([next(other)]) == every[3:4]
+
+
+def test_a_position_past_the_end_is_refused(folders):
+    stream = stream_transitions(folders[7], CONFIG, **VECTOR)
+    state = stream.state_dict()
+    shards = len(Manifest.read(folders[7] / CONFIG).of("train"))
+    end = state | {"shard": shards}
+    stream.load_state_dict(end)
+    assert list(stream) == []
+    for wrong in (state | {"shard": shards + 1}, end | {"part": 1}, end | {"item": 1}):
+        with pytest.raises(ValueError, match=r"\Aload_state_dict: shard=.* is past the end"):
+            stream.load_state_dict(wrong)
+    for wrong in (state | {"part": 10**6}, state | {"item": 10**6}, state | {"item": 2**63 - 1}):
+        stream.load_state_dict(wrong)
+        with pytest.raises(ValueError, match=r"\Aload_state_dict: shard=0, .* is past the end"):
+            next(stream)
+
+
+@pytest.mark.parametrize("state", [None, 3, "state", [("shard", 1)], {}], ids=str)
+def test_what_is_no_state_is_refused(folders, state):
+    stream = stream_transitions(folders[7], CONFIG, **VECTOR)
+    with pytest.raises(ValueError, match=r"\Aload_state_dict: .* is not a result of state_dict\Z"):
+        stream.load_state_dict(state)
+
+
+def test_the_last_epoch_is_the_largest_that_workers_can_share(folders):
+    stream = stream_transitions(folders[7], CONFIG, shuffle=30, **VECTOR)
+    stream.set_epoch(2**63 - 1)
+    state = stream.state_dict()
+    next(stream)
+    stream.load_state_dict(state)
+    with pytest.raises(ValueError, match=rf"\Aepoch={2**63}: give a whole number from 0 to "):
+        stream.set_epoch(2**63)
+    with pytest.raises(ValueError, match="is not a result of state_dict"):
+        stream.load_state_dict(state | {"epoch": 2**63})
+
+
+@pytest.mark.parametrize("begin", [iter, lambda stream: stream])
+def test_a_stream_that_is_dropped_midway_closes_its_file_at_once(folders, begin):
+    def count():
+        return len(list(Path("/proc/self/fd").iterdir()))
+
+    gc.collect()
+    gc.disable()
+    try:
+        before = count()
+        for options in 20 * [VECTOR, {"image_size": 8}]:
+            next(begin(stream_transitions(folders[7], CONFIG, shuffle=30, **options)))
+        assert count() <= before
+    finally:
+        gc.enable()
+
+
+@pytest.mark.parametrize("error", [KeyError("typo"), ValueError("typo"), OSError("typo")])
+@pytest.mark.parametrize("read", [load_episodes, load_transitions, stream_episodes])
+@pytest.mark.parametrize("place", ["rows.rows_of_table", "rows.joined", "load.replayed"])
+def test_a_bug_in_our_code_is_not_told_as_an_unreadable_file(
+    folders, monkeypatch, error, read, place
+):
+    def broken(*_, **__):
+        raise error
+
+    monkeypatch.setattr(f"labyrinth_core.data.{place}", broken)
+    with pytest.raises(type(error), match="typo") as caught:
+        list(read(folders[7], CONFIG, **VECTOR))
+    assert caught.value is error

@@ -9,6 +9,7 @@ from importlib.util import find_spec, module_from_spec
 import gymnasium
 import numpy as np
 import pytest
+import torch
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
@@ -22,6 +23,7 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.world.buckets import BUCKETS, SPLITS, split_of
 from labyrinth_core.world.dynamics import (
     Action,
     State,
@@ -152,6 +154,37 @@ def test_every_reset_draws_afresh_unless_a_labyrinth_is_kept():
     assert len(set(texts(LabyrinthEnv(labyrinth=OPEN), 5))) == 1
 
 
+@pytest.mark.parametrize("buckets", [(34, 33, 33), (10, 10, 80)])
+@pytest.mark.parametrize("split", SPLITS)
+def test_a_split_keeps_to_its_structures_and_to_the_seed(split, buckets):
+    env, again = (LabyrinthEnv(3, split=split, buckets=buckets) for _ in range(2))
+    env.reset(seed=5)
+    again.reset(seed=5)
+    for _ in range(60):
+        assert split_of(env.labyrinth.structure, buckets) == split
+        assert env.labyrinth == again.labyrinth
+        env.reset()
+        again.reset()
+
+
+@pytest.mark.parametrize("options", [{"start": (0, 1)}, {"goal": (1, 1)}, {"task": "icy_floor"}])
+def test_with_another_start_or_goal_no_turned_structure_is_of_another_split(options):
+    env = LabyrinthEnv(4, split="train")
+    env.reset(seed=5)
+    for _ in range(30):
+        env.reset(options=options)
+        structure = env.labyrinth.structure
+        images = [structure] if "task" in options else [structure, min(structure.symmetries())]
+        assert {split_of(each, BUCKETS) for each in images} == {"train"}
+
+
+def test_a_split_without_a_structure_is_refused_in_one_line():
+    env = LabyrinthEnv(2, split="test", buckets=(98, 1, 1))
+    with pytest.raises(ValueError, match=r"^split=test: size=2x2.* none of 10,000 .*") as refused:
+        env.reset(seed=0)
+    assert "\n" not in str(refused.value)
+
+
 def test_a_labyrinth_comes_as_itself_as_text_or_in_a_file(tmp_path):
     path = tmp_path / "open.labyrinth"
     path.write_text(OPEN)
@@ -247,6 +280,13 @@ def test_an_impossible_option_is_refused_with_what_is_allowed(options, message):
         ({"reward": "much"}, "reward=much: choose one of default, normalised"),
         ({"render_mode": "smell"}, "render_mode=smell: choose one of rgb_array, human, ansi"),
         ({"max_episode_steps": 0}, "max_episode_steps=0: give a whole number from 1 on"),
+        ({"split": "eval"}, "split=eval: choose one of train, validation, test"),
+        ({"split": "s0"}, "split=s0: choose one of train, validation, test"),
+        ({"split": "train", "labyrinth": OPEN}, "split=train: give a split or fixed labyrinths"),
+        *(
+            ({"buckets": buckets}, "buckets=.*: give three percentages of 1 or more that add up")
+            for buckets in ((50, 50), (100, 0, 0), (50, 25, 26), (50.0, 25, 25), 34, "abc", None)
+        ),
     ],
 )
 def test_an_impossible_argument_is_refused_with_what_is_allowed(arguments, message):
@@ -289,7 +329,12 @@ def test_steps_outside_an_episode_are_refused():
     env.step(UP)
 
 
-@pytest.mark.parametrize("action", [-1, 4, 1.5, "up", None, np.array([1, 2])])
+NO_ACTIONS = (-1, 4, 2**70, 1.5, "up", "1", None, [1], np.array([1, 2]), np.array(1.0))
+BOOLEANS = (True, np.True_, np.array(True), torch.tensor(True))
+WITH_AXES = (np.array([1]), np.array([[1]]), torch.tensor([1]), torch.tensor([[1]]))
+
+
+@pytest.mark.parametrize("action", [*NO_ACTIONS, *BOOLEANS, *WITH_AXES])
 def test_only_the_four_actions_are_actions(action):
     env = LabyrinthEnv()
     env.reset()
@@ -297,7 +342,9 @@ def test_only_the_four_actions_are_actions(action):
         env.step(action)
 
 
-@pytest.mark.parametrize("action", [1, np.int64(1), np.int8(1), np.array(1), Action.RIGHT])
+@pytest.mark.parametrize(
+    "action", [1, np.int64(1), np.uint8(1), np.array(1), torch.tensor(1), Action.RIGHT]
+)
 def test_an_action_may_come_in_any_whole_number_type(action):
     assert walk(LabyrinthEnv(labyrinth=OPEN, observation="state"), [action])[0][0] == 1
 
@@ -417,6 +464,7 @@ def test_an_environment_is_made_again_from_the_json_of_its_specification(tmp_pat
         {"labyrinth": str(path), "task": Task.NAVIGATION},
         {"size": np.int64(3), "image_size": np.int32(16), "task": Task.KEY_AND_DOOR},
         {"size": (np.int64(3), 4), "observation": "vector", "reward": "normalised"},
+        {"size": 3, "split": "train", "buckets": (80, np.int64(10), 10)},
     ):
         env = gymnasium.make(NAME, **arguments)
         again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))

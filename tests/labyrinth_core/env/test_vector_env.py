@@ -18,6 +18,7 @@ from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch_sampling import sample_each
+from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.dynamics import state_at
 from labyrinth_core.world.labyrinth import Look, Task
 from labyrinth_core.world.tasks import sample_labyrinth
@@ -103,6 +104,16 @@ def test_labyrinths_that_are_drawn_together_are_those_of_single_environments(tas
 
 
 @pytest.mark.slow
+def test_a_split_is_that_of_single_environments():
+    arguments = {"size": 3, "observation": "state", "split": "train", "buckets": (20, 40, 40)}
+    ours, theirs = LabyrinthVectorEnv(130, **arguments), LabyrinthEnv(**arguments)
+    texts = ours.reset(seed=7)[1]["labyrinth"], ours.reset()[1]["labyrinth"]
+    for place in (0, 1, 129):
+        assert theirs.reset(seed=7 + place)[1]["labyrinth"] == texts[0][place]
+        assert theirs.reset()[1]["labyrinth"] == texts[1][place]
+    assert {split_of(parse(text).structure, (20, 40, 40)) for text in texts[1]} == {"train"}
+
+
 def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
     tried = 0
 
@@ -296,6 +307,8 @@ def test_only_the_four_actions_are_actions(actions, message):
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
+        ({"split": "none"}, "split=none: choose one of train, validation, test"),
+        ({"split": "test", "labyrinths": [OPEN]}, "split=test: give a split or fixed"),
         ({"num_envs": 0}, "num_envs=0: give a whole number from 1 on"),
         ({"render_mode": "human"}, "render_mode=human: choose one of rgb_array, ansi"),
         ({"autoreset_mode": "never"}, "autoreset_mode=never: choose one of NextStep, SameStep"),
@@ -385,6 +398,7 @@ def test_vector_environments_are_made_again_from_the_json_of_their_specification
     labyrinths = [parse(OPEN), CLOSER, parse(CLOSER)]
     for arguments in (
         {"num_envs": np.int64(2), "labyrinths": labyrinths, "max_episode_steps": np.int64(9)},
+        {"num_envs": 2, "size": 3, "split": "test"},
         {"num_envs": 2, "labyrinth": parse(OPEN), "autoreset_mode": AutoresetMode.SAME_STEP},
         {"num_envs": 3, "size": np.int64(3), "image_size": np.int64(16), "task": Task.ICY_FLOOR},
     ):

@@ -341,6 +341,31 @@ def test_a_policy_that_is_random_in_one_of_fifty_answers_is_refused(small_datase
 
 
 @pytest.mark.parametrize(
+    "policy",
+    [
+        lambda vectors: (vectors - vectors.mean(axis=0) > 0).sum(axis=1) % 4,  # As BatchNorm does.
+        lambda vectors: np.arange(len(vectors)) % 4,
+        lambda vectors: np.full(len(vectors), len(vectors) % 4),
+        lambda vectors: np.roll(vectors.sum(axis=1) % 4, 1),
+    ],
+    ids=["mean", "place", "size", "neighbour"],
+)
+def test_a_policy_whose_answers_depend_on_the_batch_is_refused(small_dataset, policy):
+    with pytest.raises(PolicyError, match=r"observations differently in another batch: give one"):
+        evaluate(policy, small_dataset.data_dir, "3x3", observation="vector")
+
+
+def test_a_policy_whose_sums_round_otherwise_in_another_batch_is_judged(small_dataset):
+    arrays = load_arrays(small_dataset.data_dir, "3x3", "test", observation="vector")
+    (close,) = arrays.observations[~arrays.terminal][:1].tolist()
+
+    def policy(vectors):
+        return ((vectors == close).all(axis=1) & (len(vectors) % 3 == 0)).astype(int)
+
+    assert evaluate(policy, small_dataset.data_dir, "3x3", observation="vector").way == "look-ups"
+
+
+@pytest.mark.parametrize(
     ("policy", "message"), [(Rounds, "not the class Rounds"), (object(), "not an object of object")]
 )
 def test_what_is_no_policy_is_refused(datasets, policy, message):
@@ -357,12 +382,15 @@ def test_what_is_no_policy_is_refused(datasets, policy, message):
         ({"observation": "sound"}, ValueError, "observation=sound: choose one of image, vector"),
         ({"splits": ["tset"]}, DatasetError, "split=tset: the dataset has train, validation, test"),
         ({"splits": []}, DatasetError, r"split=\[\]: the dataset has train"),
+        ({"splits": 5}, ValueError, r"splits=5: give names such as \['test'\]"),
+        ({"source": 5}, ValueError, "source=5: give a folder, or an id such as user/labyrinth"),
+        ({"config": 5}, ValueError, "config=5: give a name, such as '5x5'"),
         ({"revision": "1"}, ValueError, "revision=1: .* is a folder, which has no revisions"),
     ],
 )
 def test_an_impossible_argument_is_told_in_one_line(datasets, options, kind, message):
     with pytest.raises(kind, match=rf"\A{message}"):
-        evaluate(chance, datasets, "3x4", **options)
+        evaluate(chance, **{"source": datasets, "config": "3x4"} | options)
 
 
 # The dataset, and the results.
@@ -380,8 +408,9 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
     results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
-    policys, beside = results.tables().split("\n\n")
-    for table in (policys.splitlines()[3:], beside.splitlines()[2:]):
+    policys, failed, beside = results.tables().split("\n\n")
+    tables = policys.splitlines()[3:], failed.splitlines()[2:], beside.splitlines()[2:]
+    for table in tables:
         assert [line.split()[0] for line in table] == list(EVALUATED_SPLITS)
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
@@ -402,6 +431,7 @@ def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
         manifest,
         (*manifest, "3x4/train-*.parquet"),
         (*manifest, "3x4/test-*.parquet"),
+        manifest,  # Offline, to see that it is still the same.
     ]
 
 
@@ -509,7 +539,7 @@ def test_tables_fit_a_terminal_and_cut_no_name_and_the_legend_is_printed_once(
     assert max(map(len, lines)) <= 80
     for split in splits:
         shown = [line.split()[1:] for line in lines if line.startswith(f"{split} ")]
-        assert 2 <= len(shown) <= 3, shown
+        assert 3 <= len(shown) <= 4, shown
         assert sum(map(len, shown)) == 9 + 3 + len(names) - 1  # AER is three words.
     assert sum("success weighted by path length" in line for line in lines) == 1
     assert str(wide) == "\n".join([wide.tables(), "", *wide.legend()])

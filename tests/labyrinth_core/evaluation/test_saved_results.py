@@ -53,6 +53,19 @@ def read(tmp_path_factory):
     return read_content
 
 
+def test_in_a_notebook_results_show_their_table_and_send_no_control_characters(read, content):
+    content["dataset"]["source"] = "evil\x1b[2J\nforged  100.0"
+    found = read(content)
+    assert repr(found) == str(found) == "\n".join([found.tables(), "", *found.legend()])
+    assert found.tables().splitlines()[0] == r"3x3 of evil\x1b[2J\nforged  100.0"
+    content["method"]["details"] = {"a\x1b\nb": "many"}
+    with pytest.raises(DatasetError) as error:
+        read(content)
+    told = r"it.method.details.a\x1b\nb is 'many', not a whole number from 0"
+    assert told in str(error.value)
+    assert str(error.value.__cause__).isprintable()
+
+
 def refused(read, content, known, why):
     """Check that content is refused in one line that says why."""
     with pytest.raises((DatasetError, ValueError)) as error:
@@ -277,7 +290,9 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("splits.test.aer", float("inf"), "Infinity is not a JSON number"),
         ("splits.test.aer", -(10**400), "test: aer is -1000.*"),
         ("splits.test.sr", True, "test: sr is True, but .*"),
-        ("splits.test.sr_interval", [0.5], r"test: sr_interval is \[0.5\], but .*"),
+        ("splits.test.sr_interval", [0.5], r"it.splits.test.sr_interval is .*, not a list of 2"),
+        ("splits.test.sr_interval", [2, 3], r"test: sr_interval is \[2, 3\], but sr is .*"),
+        ("splits.test.aer_interval", [1, -4], r"test: aer_interval is \[1, -4\], but aer is .*"),
         ("splits.test.known_route", None, "it.splits.test.known_route is None, not .*"),
         ("splits.test.accuracy_elsewhere", 1.5, "it.splits.test.accuracy_elsewhere .*"),
         ("baselines", [], r"it.baselines is \[\], not an object"),

@@ -57,6 +57,18 @@ def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
     assert again.returns.tolist() == [returns.tolist()]
 
 
+def test_several_episodes_of_one_policy_are_averaged_in_its_interval(datasets):
+    arrays = load_arrays(datasets, "3x4", "test", image_size=8)
+    scores = score(Table(arrays, mistaken(arrays, 0.2)), arrays)
+    both = Episodes(
+        *(np.tile(getattr(scores.episodes, name), (2, 1)) for name in ("outcomes", "moves")),
+        arrays.cells,
+    )
+    twice = replace(scores, episodes=both).figures()
+    for name in ("sr_interval", "aer_interval"):
+        assert twice[name] == scores.figures()[name]
+
+
 def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
     arrays = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
     best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in arrays.optimal])

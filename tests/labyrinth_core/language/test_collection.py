@@ -1,6 +1,10 @@
 """Labyrinths in files of others: what is read, into which split, and what is said of the rest."""
 
+import errno
+import os
 import pickle
+import re
+import struct
 from pathlib import Path
 
 import numpy as np
@@ -79,15 +83,56 @@ def test_any_depth_is_read_and_the_first_folder_is_the_split(tmp_path):
     ]
 
 
-def test_a_folder_that_cannot_be_read_is_not_left_out_in_silence(tmp_path, monkeypatch):
+def test_folders_that_storage_servers_and_desktops_leave_are_no_splits(tmp_path):
+    for name in ("train", "@eaDir", "train/@eaDir", "#recycle", "__MACOSX/test"):
+        (tmp_path / name).mkdir(parents=True, exist_ok=True)
+        (tmp_path / name / "a.labyrinth").write_bytes(TEXT)
+    assert [entry.split for entry in read_collection(tmp_path)] == ["train"]
+
+
+def test_what_cannot_be_read_is_a_problem_with_its_place_and_the_rest_is_read(
+    tmp_path, monkeypatch
+):
     def refused(path):
         raise PermissionError(13, "Permission denied", str(path))
 
-    (tmp_path / "test").mkdir()
-    whole = Path.iterdir
-    monkeypatch.setattr(Path, "iterdir", lambda p: refused(p) if p.name == "test" else whole(p))
-    with pytest.raises(PermissionError):
-        read(tmp_path)
+    folder = tmp_path / "mine"
+    for split in ("locked", "test"):
+        (folder / split).mkdir(parents=True)
+        (folder / split / "1.labyrinth").write_bytes(TEXT)
+    (folder / "test" / "2.labyrinth").symlink_to("/nowhere/2.labyrinth")
+    (folder / "test" / "3.npy").symlink_to("3.npy")
+    (folder / "test" / "unread.labyrinth").write_bytes(TEXT)
+    (folder / "train").symlink_to("../unplugged")
+    os.mkfifo(folder / "waits.labyrinth")
+    iterdir, opened = Path.iterdir, Path.open
+    monkeypatch.setattr(Path, "iterdir", lambda p: refused(p) if p.name == "locked" else iterdir(p))
+    monkeypatch.setattr(
+        Path, "open", lambda p, *a: refused(p) if "unread" in p.name else opened(p, *a)
+    )
+    leads = ": a link that leads nowhere: "
+    assert [(place, found) for _, place, found in read(folder)] == [
+        ("/locked", "/locked: Permission denied"),
+        ("/test/1.labyrinth", LABYRINTH),
+        ("/test/2.labyrinth", f"/test/2.labyrinth{leads}{os.strerror(errno.ENOENT)}"),
+        ("/test/3.npy", f"/test/3.npy{leads}{os.strerror(errno.ELOOP)}"),
+        ("/test/unread.labyrinth", "/test/unread.labyrinth: Permission denied"),
+        ("/train", f"/train{leads}{os.strerror(errno.ENOENT)}"),
+        ("/waits.labyrinth", "/waits.labyrinth: it is not a regular file"),
+    ]
+
+
+def test_folders_that_links_reach_in_many_ways_are_listed_once_in_a_split(tmp_path):
+    folder = tmp_path / "mine"
+    names = [f"{number:02}" for number in range(24)]
+    for name, after in zip(names, names[1:] + names[:1], strict=True):
+        (folder / name).mkdir(parents=True)
+        for link in ("a", "b"):
+            (folder / name / link).symlink_to(folder / after)
+    (folder / "23" / "one.labyrinth").write_bytes(TEXT)
+    found = read(folder)
+    assert sorted(split for split, _, _ in found) == names  # A link shows the leak between splits.
+    assert {each for _, _, each in found} == {LABYRINTH}
 
 
 def test_an_array_may_hold_connections_of_maze_dataset(tmp_path):
@@ -129,6 +174,15 @@ CLAIM = npy(GRID).replace(b"(5, 7), }" + b" " * 12, b"(5" + b"0" * 12 + b", 7), 
 """An array that says that it is much larger than any memory."""
 
 
+CLAIMS = (b"2**70", b"%d" % 2**70, b"-1", b"1,'a'", b"(" * 500 + b")" * 500, b"1e400", b"None")
+DESCRIBED = b"{'descr': '|u1', 'fortran_order': False, 'shape': (%s,)}"
+
+
+def header(literal):
+    """Return a .npy file, version 1.0, with a header that NumPy parses."""
+    return b"\x93NUMPY\x01\x00" + struct.pack("<H", len(literal)) + literal + bytes(99)
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [
@@ -140,6 +194,9 @@ CLAIM = npy(GRID).replace(b"(5, 7), }" + b" " * 12, b"(5" + b"0" * 12 + b", 7), 
         (npy(np.zeros((10**8, 0, 0))), "an empty array of shape (100000000, 0, 0)"),
         (CLAIM, "the array cannot be read: "),
         (npy(GRID).replace(b"}  ", b"}]["), "the array cannot be read: "),
+        (header(b"{[]: 1}"), "the array cannot be read: unhashable"),
+        (header(b"{'descr': '|u1', 1: 2, b'': 3}"), "the array cannot be read: "),
+        *((header(DESCRIBED % claim), "the array cannot be read: ") for claim in CLAIMS),
     ],
 )
 def test_what_is_no_such_file_is_told_in_one_line_and_never_unpickled(tmp_path, data, message):
@@ -156,3 +213,20 @@ def test_no_more_is_read_than_may_be(tmp_path, monkeypatch):
         "/a.npy: it has more than 1,000 bytes",
         LABYRINTH,
     ]
+
+
+def test_no_problem_quotes_a_file_outside_the_folder_that_a_link_leads_to(tmp_path):
+    folder = tmp_path / "mine"
+    (folder / "train").mkdir(parents=True)
+    secret = tmp_path / "key"
+    for content in (b"hunter2 is the password", b"hunter2\n", b"hunter2: true", b"\xffhunter2"):
+        secret.write_bytes(content)
+        for name in ("a.labyrinth", "b.npy"):
+            (folder / "train" / name).unlink(missing_ok=True)
+            (folder / "train" / name).symlink_to(secret)
+        problems = [entry.problem for entry in read_collection(folder)]
+        assert len(problems) == 2
+        assert not any(re.search("hunt|0xff", problem) for problem in problems)
+    (folder / "train" / "own.labyrinth").write_bytes(b"hunter2 is here")
+    (*_, entry) = read_collection(folder)
+    assert "found 'hunter2'" in entry.problem

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+import labyrinth_core
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, parse_size
@@ -45,6 +46,14 @@ def mistake(text, **options):
     with pytest.raises(LabyrinthSyntaxError) as caught:
         parse(text, **options)
     return caught.value
+
+
+def test_a_syntax_error_is_a_public_labyrinth_error_without_a_cell():
+    error = mistake("labyrinth:")
+    assert isinstance(error, labyrinth_core.LabyrinthError)
+    assert type(error) is labyrinth_core.LabyrinthSyntaxError
+    assert error.cell is None
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 
 labyrinths = st.integers(0, 2**32 - 1).map(

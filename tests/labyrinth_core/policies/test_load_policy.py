@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import os
 import pickle
 import re
 import shutil
 import sys
+import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import reduce
 from pathlib import Path
@@ -30,6 +33,7 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
+from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
@@ -42,6 +46,7 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.weights import read_tensors
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Task
 
@@ -74,16 +79,46 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
     assert all(torch.equal(ours[name], theirs[name]) for name in ours)
     run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
     record = (run / "run.json").read_text(encoding="utf-8")
-    told = f"{run} holds no trained policy: "
+    described, read = (
+        f"{run / 'run.json'} {what}: " for what in ("describes no policy", "cannot be read")
+    )
     for old, new, reason in (
-        ('"channels": 32', '"channels": 1e9', "planner.channels is 1000000000.0, not a whole num"),
-        ('"settings"', '"others"', "'settings'"),
-        ('"protocol": "default"', '"protocol": "x"', "protocol is 'x', not one of default, paper"),
+        (
+            '"channels": 32',
+            '"channels": 1e9',
+            f"{described}planner.channels is 1000000000.0, not a",
+        ),
+        ('"settings"', '"others"', f"{read}it.run is "),
+        ('"protocol": "default"', '"protocol": "x"', f"{described}protocol is 'x', not one of"),
+        ('"run"', '"ran"', f"{read}it is {{'format': 1, 'ran': "),
+        ('"files"', '"file"', f"{read}it is "),
+        ('"epochs": 30,\n "sel', '"epochs": 31,\n "sel', f"{read}it has 31 epochs, but 30 in"),
+        ('{\n "format"', '{"format": 1, "format"', f"{read}'format' appears twice in one object"),
+        ("{", "", read),
     ):
-        (run / "run.json").write_text(record.replace(old, new), encoding="utf-8")
-        check_refused(run, told + reason)
-    save_file({}, run / "policy.safetensors")
-    check_refused(run, f"{told}'network'")
+        assert old in record
+        (run / "run.json").write_text(record.replace(old, new, 1), encoding="utf-8")
+        check_refused(run, reason)
+    weights = run / "policy.safetensors"
+    other = {name: torch.zeros_like(tensor) for name, tensor in load_file(weights).items()}
+    (run / "run.json").write_text(record, encoding="utf-8")
+    save_file(other, weights)
+    check_refused(run, f"{weights} is damaged: its sha256 is not the one in run.json")
+    changed = record.replace(file_sha256(RELEASED / "policy.safetensors"), file_sha256(weights))
+    (run / "run.json").write_text(changed, encoding="utf-8")
+    check_refused(run, f"{described}network is None, not an object with encoder, ")
+    weights.unlink()
+    check_refused(run, f"{weights} does not exist: stages=train makes it")
+
+
+def test_a_record_that_differs_from_the_list_of_hashes_is_damaged(tmp_path: Path) -> None:
+    run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
+    record = run / "run.json"
+    (run / "SHA256SUMS").write_text(f"{'0' * 64}  a.run.json\n{file_sha256(record)}  run.json\n")
+    load_policy(run)
+    text = record.read_text(encoding="utf-8")
+    record.write_text(text.replace('"sharpness": 3.0', '"sharpness": 2.0'), encoding="utf-8")
+    check_refused(run, f"{record} is damaged: its sha256 is not the one in SHA256SUMS")
 
 
 @pytest.mark.slow
@@ -374,6 +409,96 @@ def test_no_memory_is_taken_for_weights_that_a_description_only_claims(released:
     huge = replace(RELEASED_SPEC, network=most, average=False, own=None)
     (released / CONFIG).write_text(json.dumps(huge.to_json()), encoding="utf-8")
     check_refused(released, f"{released / WEIGHTS} is of another network: classifier.0.bias is ")
+
+
+@pytest.fixture
+def other_defaults() -> Iterator[None]:
+    """PyTorch as another library leaves it that changes what new tensors are."""
+    torch.set_default_dtype(torch.float64)
+    torch.set_default_device("meta")  # Any number on it that is needed raises an error.
+    yield
+    torch.set_default_device(None)
+    torch.set_default_dtype(torch.float32)
+
+
+AT_3X3 = [
+    PolicySpec(replace(spec.network, height=3, width=3, task="navigation"), spec.average, spec.own)
+    for spec in [*SPECS, RELEASED_SPEC, MAPPER]
+    if spec.network.encoder != "resnet18"  # As the CNN, but slow.
+]
+
+
+@pytest.mark.parametrize("spec", AT_3X3, ids=lambda spec: spec.network.encoder)
+def test_a_policy_does_not_depend_on_what_another_library_sets_in_torch(
+    spec: PolicySpec, tmp_path: Path, small_dataset: Any, request: pytest.FixtureRequest
+) -> None:
+    written(spec, tmp_path)
+
+    def judged() -> list[str]:
+        results = evaluate(load_policy(tmp_path), small_dataset.data_dir, "3x3", splits=["test"])
+        return results.splits["test"].episodes.letters
+
+    before = judged()
+    request.getfixturevalue("other_defaults")
+    assert judged() == before
+    assert torch.get_default_dtype() == torch.float64
+    assert torch.get_default_device().type == "meta"
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+@pytest.mark.parametrize("spec", AT_3X3, ids=lambda spec: spec.network.encoder)
+def test_weights_that_are_no_numbers_end_in_one_line(
+    spec: PolicySpec, value: float, tmp_path: Path, small_dataset: Any
+) -> None:
+    network = written(spec, tmp_path)
+    filled = {
+        name: torch.full_like(each, value) if each.is_floating_point() else each
+        for name, each in network.state_dict().items()
+    }
+    save_file(filled, tmp_path / WEIGHTS)
+    with pytest.raises(PolicyError, match=r"\A[^\n]* nan\b[^\n]*\Z"):
+        evaluate(load_policy(tmp_path), small_dataset.data_dir, "3x3", splits=["test"])
+
+
+@pytest.mark.parametrize(
+    ("own", "average", "most"),
+    [
+        (PlannerSpec(False, False, True, 64, 1000, 1.0), False, 50),
+        (PlannerSpec(False, False, True, 32, 1000, 1.0), True, 25),
+        (PlannerSpec(False, True, True, 4, 1000, 1.0), True, 250),
+        (PlannerSpec(False, False, True, 1024, 1, 1.0), True, 0),
+    ],
+)
+def test_a_planner_that_would_compute_for_hours_is_refused(
+    released: Path, own: PlannerSpec, average: bool, most: int
+) -> None:
+    content = replace(RELEASED_SPEC, own=own, average=average).to_json()
+    (released / CONFIG).write_text(json.dumps(content), encoding="utf-8")
+    told = f"iterations is {own.iterations}: without path_prior"
+    check_refused(released, f"{released / CONFIG} describes no policy: {told}")
+    with pytest.raises(ValueError, match=f"allow at most {most}, as each takes time in every pict"):
+        own.require_bounded(average)
+    replace(own, iterations=most).require_bounded(average)
+    replace(own, path_prior=True).require_bounded(average)
+
+
+def test_a_file_of_weights_is_read_where_files_cannot_be_mapped(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")  # Mapping it fails with "No such device".
+    content = (RELEASED / "policy.safetensors").read_bytes()
+    writer = threading.Thread(target=(tmp_path / "pipe").write_bytes, args=(content,))
+    writer.start()
+    tensors, texts = read_tensors(tmp_path / "pipe")
+    writer.join()
+    assert set(texts) == {"network"}
+    right = load_file(RELEASED / "policy.safetensors")
+    assert all(torch.equal(tensors.pop(name), each) for name, each in right.items())
+    assert not tensors
+
+
+def test_the_name_of_a_tensor_stays_on_one_line(released: Path) -> None:
+    right = load_file(released / WEIGHTS)
+    save_file({**right, "a\nb" + 999 * "c": torch.zeros(1)}, released / WEIGHTS)
+    check_refused(released, f"{released / WEIGHTS} is of another network: a\\nbccc")
 
 
 def check_refused(folder: Path | str, message: str) -> None:

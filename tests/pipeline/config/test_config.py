@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from dataclasses import FrozenInstanceError, fields, is_dataclass
+from math import prod
 from pathlib import Path
 from typing import Any
 
@@ -300,6 +302,23 @@ def test_files_that_repeat_declarations_are_those_that_the_script_writes() -> No
 def test_the_file_of_a_method_names_the_class_that_is_trained(name: str) -> None:
     target = yaml.safe_load((CONF / "method" / f"{name}.yaml").read_text())["_target_"]
     assert get_class(target) is find(name, {}, "default")[0]
+
+
+@pytest.mark.parametrize("path", sorted((CONF / "experiment").iterdir()), ids=lambda p: p.stem)
+def test_an_experiment_can_be_run_and_says_how_many_runs_it_has(path: Path) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# @package _global_\n")
+    params = {
+        name: str(values).split(",")
+        for name, values in yaml.safe_load(text)["hydra"]["sweeper"]["params"].items()
+    }
+    runs = prod(map(len, params.values()))
+    assert f"{runs} runs" in text or "in eight parts" in text
+    for number in (0, -1):
+        swept = (f"{name}={values[number]}" for name, values in params.items())
+        composed(f"+experiment={path.stem}", *swept)
+    for page in re.findall(r"docs/[\w/.-]+\.md", text):
+        assert (CONF.parent / page).is_file()
 
 
 def test_the_values_of_the_files_are_the_defaults_of_the_declarations() -> None:

@@ -22,7 +22,6 @@ from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
-from pipeline.training.methods.method import find
 
 pytestmark = pytest.mark.slow
 
@@ -98,6 +97,87 @@ def test_a_run_that_was_trained_with_another_setting_is_refused(trained, elsewhe
     stage.run(elsewhere(trained.options.data_dir, method={"name": "bc"}))
 
 
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"seed": 2}, "seed=0, not 2"),
+        ({"protocol": "paper"}, "protocol=default, not paper"),
+        ({"train_labyrinths": 5}, "train_labyrinths=None, not 5"),
+        ({"encoder": "resnet18"}, "encoder=cnn, not resnet18"),
+        ({"method": {"name": "gail"}}, "method=bc, not gail"),
+        ({"size": "4"}, "config=3x3, not 4x4"),
+    ],
+)
+def test_a_run_under_the_name_of_another_is_not_judged_as_that_run(
+    trained, run_of, tmp_path, options, told
+):
+    run = run_of(trained.data_dir, tmp_path, **options)
+    shutil.copytree(trained.training_folder, run.training_folder)
+    with pytest.raises(DatasetError, match=f"was trained with {told}: move it elsewhere, or"):
+        stage.run(run)
+
+
+def test_a_run_whose_dataset_has_moved_is_the_same_run(trained, run_of, tmp_path, capsys):
+    shutil.copytree(trained.options.run_dir, tmp_path / "runs")
+    run = run_of(shutil.copytree(trained.data_dir, tmp_path / "moved"), tmp_path / "runs")
+    stage.run(run)
+    train.run(run)
+    assert "is complete already" in capsys.readouterr().out
+    (run.training_folder / "policy.safetensors").unlink()
+    train.run(run)
+    stage.run(run)
+
+
+def test_every_change_of_a_record_is_damage(trained, run_of, tmp_path):
+    shutil.copytree(trained.options.run_dir, tmp_path / "runs")
+    run = run_of(trained.data_dir, tmp_path / "runs")
+    path = run.training_folder / "run.json"
+    text = path.read_text(encoding="utf-8")
+    for old, new in (
+        ('"epochs": 1', '"epochs": 7'),
+        ('"seconds"', '"second"'),
+        ("{", ""),
+        ("1", "2"),
+    ):
+        assert old in text
+        path.write_text(text.replace(old, new, 1), encoding="utf-8")
+        for read in (lambda: stage.run(run), lambda: load_policy(run.training_folder)):
+            with pytest.raises(
+                DatasetError, match=r"run.json is damaged: .* SHA256SUMS; stages=tr"
+            ):
+                read()
+    train.run(run)
+    stage.run(run)
+
+
+def test_damaged_results_of_a_run_are_written_anew_as_the_message_says(trained, run_of, tmp_path):
+    shutil.copytree(trained.options.run_dir, tmp_path / "runs")
+    run = run_of(trained.data_dir, tmp_path / "runs")
+    stage.run(run)
+    path = run.training_folder / "results.json"
+    right = path.read_bytes()
+    path.write_bytes(right.replace(b'"seed": 0', b'"seed": 1'))
+    with pytest.raises(DatasetError, match=r"results.json: .* or give overwrite=true to write it"):
+        stage.run(run)
+    stage.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
+    assert path.read_bytes() == right
+
+
+def test_a_home_folder_is_named_in_files_as_it_was_typed(trained, run_of, tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    shutil.copytree(trained.data_dir, tmp_path / "lab")
+    for number, options in enumerate(
+        ({"data_dir": "~/lab/"}, {"data_dir": "x", "dataset": "~/lab"})
+    ):
+        run = run_of(options.pop("data_dir"), tmp_path / "runs" / str(number), **options)
+        train.run(run)
+        stage.run(run)
+        for path in run.training_folder.iterdir():
+            assert bytes(tmp_path) not in path.read_bytes(), path
+        results = Results.load(run.training_folder / "results.json")
+        assert results.dataset == results.run.dataset == "~/lab"
+
+
 def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_path):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(trained.data_dir, tmp_path / "runs")
@@ -132,7 +212,7 @@ def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
     shutil.rmtree(small.folder)
     small = build(tmp_path / "data", labyrinths=2)
     run = run_of(small.data_dir, tmp_path / "runs")
-    identity = train.identify(run, find("bc", {})[1])
+    identity = train.identify(run, {}, Manifest.read(small.folder).fingerprint)
     grow()
     with pytest.raises(DatasetError, match="grew while it was read: run this again"):
         train._train(run, tmp_path, tmp_path / "checkpoint", identity, 30)

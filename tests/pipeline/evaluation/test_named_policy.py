@@ -215,7 +215,7 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
     before = path.read_bytes()
     reasons = {
         "my policy": "my-policy is made with name=my policy, not my-policy: choose another eval",
-        None: r"results\.json: made or changed by someone else.*, or choose another eval",
+        None: r"results\.json: made or changed by someone else, so .*: move it away, or give over",
     }
     with pytest.raises(DatasetError, match=reasons[theirs]):
         stage.run(run_of("strange:right", name="my-policy"))

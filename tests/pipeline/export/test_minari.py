@@ -10,6 +10,8 @@ import pytest
 from exporting import SIZE, episodes, export
 from making import Run
 
+from labyrinth_core.data.errors import DatasetError
+
 CASES = [
     ("navigation", ("train", "random")),
     ("key_and_door", ("random", "s0_and_g")),
@@ -76,6 +78,24 @@ def test_what_minari_does_with_datasets_it_does_with_ours(
     assert metadata["licence"] == "mit"
     assert metadata["algorithm_name"] == "a shortest route"
     assert metadata["total_steps"] == record["rows"] - 8
+
+
+@pytest.mark.slow
+def test_episodes_that_a_user_adds_are_not_thrown_away(small_dataset: Run, tmp_path, monkeypatch):
+    import minari
+    from minari.data_collector import EpisodeBuffer
+
+    folder = export(small_dataset, tmp_path, "minari", "test")
+    monkeypatch.setenv("MINARI_DATASETS_PATH", str(tmp_path / "minari"))
+    dataset = minari.load_dataset("labyrinth/3x3/test-v0")
+    ours, first = len(dataset), dataset[0]
+    names = ("observations", "actions", "rewards", "terminations", "truncations", "infos")
+    added = {name: getattr(first, name) for name in names}
+    dataset.update_dataset_from_buffer([EpisodeBuffer(**added)])
+    with pytest.raises(DatasetError, match=r"holds data/main_data\.hdf5.*damaged or changed since"):
+        export(small_dataset, tmp_path, "minari", "test")
+    assert len(minari.load_dataset("labyrinth/3x3/test-v0")) == ours + 1
+    assert folder.is_dir()
 
 
 @pytest.mark.slow

@@ -10,13 +10,15 @@ import json
 import shutil
 import signal
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import huggingface_hub
 import pyarrow.parquet as pq
 import pytest
-from exporting import export
+from exporting import export, split_of
 from making import Run
 from tampering import content_of
 
@@ -168,13 +170,28 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
 def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
     shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
     path = tmp_path / "theirs" / "3x3" / TABLE
-    pq.write_table(pq.read_table(path).slice(1), path)
+    table = pq.read_table(path)
+    pq.write_table(table.take([*range(1, len(table)), 0]), path)
     content = json.loads((path.parent / MANIFEST).read_bytes())
     content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
     (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
+
+
+def test_splits_of_a_dataset_that_is_replaced_meanwhile_are_not_mixed(build, tmp_path, monkeypatch):
+    run = build(tmp_path / "data", labyrinths=4)
+    write = stage._export
+
+    def replaced(*split):
+        write(*split)
+        build(tmp_path / "data", labyrinths=4, seed=1, overwrite=True)
+
+    monkeypatch.setattr(stage, "_export", replaced)
+    with pytest.raises(DatasetError, match="3x3 was replaced or grew while it was read"):
+        export(run, tmp_path / "exports", "lerobot", "train", "test")
+    assert [path.name for path in tmp_path.glob("exports/lerobot/labyrinth/3x3/*")] == ["train-v0"]
 
 
 def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_its_card(
@@ -199,3 +216,33 @@ def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_it
     assert content_of(found) == content_of(own)
     assert {"3x3/labyrinths.parquet", "README.md", "3x3/test-*.parquet"} <= set(asked)
     assert "3x3/train-*.parquet" not in asked
+
+
+def test_a_drive_without_locks_is_told_what_to_set(
+    small_dataset: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(*_: Any) -> None:
+        reason = "(unable to lock file, errno = 37, error message = 'No locks available')"
+        raise OSError(37, f"Unable to synchronously open file {reason}")
+
+    monkeypatch.setattr("pipeline.export.minari.write", refused)
+    with pytest.raises(DatasetError, match=r"No locks .*; .* set HDF5_USE_FILE_LOCKING=FALSE in"):
+        export(small_dataset, tmp_path, "minari", "test")
+
+
+@pytest.mark.parametrize(
+    ("solutions", "limit", "demonstrator"),
+    [
+        ("all", 2, "every simple route, at most 2 per labyrinth"),
+        ("all", 1000, "every simple route"),
+        ("all_shortest", 1, "every shortest route, at most 1 per labyrinth"),
+        ("shortest", 1, "a shortest route"),
+    ],
+)
+def test_who_demonstrates_is_said_with_the_limit_of_routes_where_it_was_reached(
+    build: Callable[..., Run], tmp_path: Path, solutions: str, limit: int, demonstrator: str
+) -> None:
+    options = {"solutions": solutions, "solutions_limit": limit}
+    run = build(tmp_path, size="4x4", labyrinths=5, **options)
+    assert split_of(run, "train").demonstrator == demonstrator
+    assert split_of(run, "random").demonstrator == "a uniformly random policy"

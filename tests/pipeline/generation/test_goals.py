@@ -15,10 +15,11 @@ from making import Run
 from read_from_text import Shown, shown
 from tampering import problems, replace_first
 
-from labyrinth_core.data.buckets import bucket_of, split_of
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
+from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.release import card

@@ -7,15 +7,22 @@ import re
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from interrupting import before_each_shard
-from making import Run
+from making import Run, run_of
 from tampering import TRAIN, content_of, cut_short, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from pipeline.inspection import analyse
+from pipeline.inspection.options import LeakageOptions
+from pipeline.machinery.artifact import leave
+from pipeline.release.card import write_card
+from pipeline.release.texts import Release
+from pipeline.report.report import write_report
 
 Build = Callable[..., Run]
 
@@ -90,6 +97,85 @@ def test_a_shard_that_this_version_would_not_make_is_named(build: Build, folder:
         build(folder.parent, cells_per_shard=9)  # Eight shards a split.
 
 
+# Links.
+
+
+def linked(folder: Path, store: Path) -> dict[str, bytes]:
+    """Put the files of a folder into a store, a link in the place of each; return the store's."""
+    for path in [each for each in folder.rglob("*") if each.is_file()]:
+        place = store / path.relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(place)
+        path.symlink_to(place)
+    return content_of(store)
+
+
+@pytest.mark.parametrize("target", ["mine", "nowhere"])
+@pytest.mark.parametrize("name", [TEST, TABLE])
+def test_mending_replaces_a_link_and_not_its_target(
+    build: Build, folder: Path, tmp_path: Path, name: str, target: str
+) -> None:
+    before = content_of(folder)
+    (tmp_path / "mine").write_text("years of work")
+    (folder / name).unlink()
+    (folder / name).symlink_to(tmp_path / target)
+    build(folder.parent)
+    assert content_of(folder) == before
+    assert not (folder / name).is_symlink()
+    assert (tmp_path / "mine").read_text() == "years of work"
+    assert not (tmp_path / "nowhere").exists()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("options", [{}, {"seed": 1, "overwrite": True}, {"grow": True}])
+def test_a_dataset_of_links_into_a_store_is_used_and_the_store_never_changes(
+    build: Build, folder: Path, tmp_path: Path, options: dict[str, Any]
+) -> None:
+    data_dir = folder.parent
+    write_card(data_dir)
+    leave(data_dir / "report", {"index.html": b"1"})
+    store = linked(data_dir, tmp_path / "store")
+    if "grow" in options:
+        options = options | {"labyrinths": 10}
+    run = build(data_dir, **options)
+    analyse.run(run)
+    write_card(data_dir)
+    leave(data_dir / "report", {"index.html": b"2"})
+    assert content_of(tmp_path / "store") == store
+    build(data_dir, size="2x3", labyrinths=1)
+    assert content_of(tmp_path / "store") == store
+    assert (data_dir / "README.md").is_symlink() is False
+
+
+@pytest.mark.parametrize("name", ["pictures", "report", "analysis", ".3x3.building"])
+def test_nothing_is_written_through_a_linked_folder_inside_a_dataset_s_folder(
+    build: Build, folder: Path, tmp_path: Path, name: str
+) -> None:
+    data_dir, elsewhere = folder.parent, tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    write_card(data_dir)
+    if name == "pictures":  # Listed, with the hashes of the files that the link leads to.
+        elsewhere.rmdir()
+        (data_dir / name).rename(elsewhere)
+    (data_dir / name).symlink_to(elsewhere)
+    before = content_of(elsewhere)
+    grid = np.pad(np.zeros((3, 3)), 1, constant_values=1)
+    grid[2, 2] = 1
+    for split in ("train", "test"):
+        (tmp_path / "mazes" / split).mkdir(parents=True)
+        np.save(tmp_path / "mazes" / split / "a.npy", grid)
+    source = LeakageOptions(source=str(tmp_path / "mazes"))
+    act: Callable[[], object] = {
+        "pictures": lambda: write_card(data_dir, Release("user/name", "1.0.0")),
+        "report": lambda: write_report(data_dir, tmp_path),
+        "analysis": lambda: analyse.run(run_of(data_dir, leakage=source)),
+        ".3x3.building": lambda: build(data_dir, seed=1, overwrite=True),
+    }[name]
+    with pytest.raises(DatasetError, match=f"{name} is a link, and nothing is written through it"):
+        act()
+    assert content_of(elsewhere) == before
+
+
 # Files of a person.
 
 
@@ -115,7 +201,9 @@ def test_overwriting_is_refused_while_a_person_has_files_in_the_folder(
     assert (folder / name).exists()
 
 
-@pytest.mark.parametrize("litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt"])
+@pytest.mark.parametrize(
+    "litter", [".DS_Store", "Thumbs.db", ".ipynb_checkpoints/notes.txt", "@eaDir/train/SYNO@.png"]
+)
 def test_litter_stops_no_build(build: Build, tmp_path: Path, litter: str) -> None:
     for number, place in enumerate(("3x3", ".3x3.building", "3x3")):
         (tmp_path / place / litter).parent.mkdir(parents=True, exist_ok=True)
@@ -196,6 +284,32 @@ def test_a_folder_that_a_link_leads_to_is_replaced_and_the_link_stays(
     for seed in (1, 2):
         build(folder.parent, seed=seed, overwrite=True)
         assert folder.is_symlink()
-        assert Manifest.read(elsewhere).config.seed == seed
+        assert Manifest.read(folder).config.seed == seed
         assert {path.name for path in folder.parent.iterdir()} == {"3x3", "README.md"}
         assert [path.name for path in elsewhere.parent.iterdir()] == ["large"]
+
+
+@pytest.mark.parametrize("content", [b"", b'{"format": 2', bytes(range(256))])
+def test_a_damaged_manifest_is_replaced_only_when_that_is_asked_for(
+    build: Build, folder: Path, content: bytes
+) -> None:
+    before = content_of(folder)
+    (folder / MANIFEST).write_bytes(content)
+    with pytest.raises(DatasetError, match=r"cannot be read: .*; build it again with overwrite="):
+        build(folder.parent)
+    build(folder.parent, overwrite=True)
+    assert content_of(folder) == before
+
+
+def test_a_dataset_under_another_name_is_replaced_only_when_that_is_asked_for(
+    build: Build, folder: Path
+) -> None:
+    before = content_of(folder)
+    build(folder.parent, size="4x4")
+    (folder.parent / "4x4").rename(folder.parent / "other")
+    shutil.rmtree(folder)
+    (folder.parent / "other").rename(folder)
+    with pytest.raises(DatasetError, match=r"holds a dataset with height=4, not height=3; .*"):
+        build(folder.parent)
+    build(folder.parent, overwrite=True)
+    assert content_of(folder) == before

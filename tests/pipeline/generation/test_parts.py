@@ -12,6 +12,7 @@ from making import Run
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import temporary_beside
 from pipeline.config.errors import ConfigError
 
 Build = Callable[..., Run]
@@ -54,6 +55,20 @@ def test_parts_put_together_are_the_dataset_that_one_process_makes(
     assert shards.items() <= there.items()
     build(tmp_path, **SHARDS, part="1/4")
     assert content_of(tmp_path) == content_of(whole.data_dir)
+
+
+@pytest.mark.slow
+def test_a_part_removes_what_its_killed_process_left_and_nothing_of_other_parts(
+    build: Build, tmp_path: Path
+) -> None:
+    build(tmp_path, **SHARDS, part="1/2")
+    building = tmp_path / ".4x4.building"
+    names = (f"train-0000{number}-of-00003.parquet" for number in (0, 1))
+    own, other = (temporary_beside(building / name) for name in names)
+    for path in (own, other):
+        path.write_bytes(b"half of it")
+    build(tmp_path, **SHARDS, part="2/2")
+    assert (own.exists(), other.exists()) == (False, True)
 
 
 @pytest.mark.slow

@@ -19,9 +19,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from making import Run
 
-from labyrinth_core.data.buckets import bucket_of, split_of
+from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.world.buckets import BUCKETS, split_of
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from pipeline.config.dataset import SplitsConfig
@@ -32,8 +33,6 @@ from pipeline.generation.labyrinths import item_rng
 from pipeline.generation.structures import check_capacity, sample
 
 MakeRun = Callable[..., Run]
-
-DEFAULT_BUCKETS = (34, 33, 33)
 
 
 @pytest.fixture(scope="session")
@@ -88,7 +87,7 @@ def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
 ) -> None:
     rng = np.random.default_rng(seed)
     structure = next(sample_structures(height, width, rng, algorithm=algorithm))
-    for buckets in (DEFAULT_BUCKETS, (80, 10, 10), (1, 1, 98)):
+    for buckets in (BUCKETS, (80, 10, 10), (1, 1, 98)):
         assert split_of(structure.transposed(), buckets) == split_of(structure, buckets)
 
 
@@ -106,18 +105,18 @@ def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_spli
 def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure]) -> None:
     rng = np.random.default_rng(0)
     structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]
-    for buckets in (DEFAULT_BUCKETS, (80, 15, 5)):
+    for buckets in (BUCKETS, (80, 15, 5)):
         counts = Counter(split_of(structure, buckets) for structure in structures)
         for split, percent in zip(SAMPLED_SPLITS, buckets, strict=True):
             assert abs(counts[split] / 40 - percent) < 3
     assert len(connected_3x3) == 431
-    assert set(Counter(split_of(s, DEFAULT_BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
+    assert set(Counter(split_of(s, BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
 
 
 # How many there can be.
 
 
-@pytest.mark.parametrize("buckets", [DEFAULT_BUCKETS, (60, 20, 20), (25, 25, 50)])
+@pytest.mark.parametrize("buckets", [BUCKETS, (60, 20, 20), (25, 25, 50)])
 def test_the_capacity_of_3x3_is_what_brute_force_counts(
     config_of: Callable[..., DatasetConfig],
     connected_3x3: list[Structure],
@@ -138,11 +137,11 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
 def test_every_structure_of_3x3_can_come_up(
     config_of: Callable[..., DatasetConfig], connected_3x3: list[Structure]
 ) -> None:
-    counts = Counter(split_of(structure, DEFAULT_BUCKETS) for structure in connected_3x3)
+    counts = Counter(split_of(structure, BUCKETS) for structure in connected_3x3)
     most = min(counts.values())
     full = next(split for split in SAMPLED_SPLITS if counts[split] == most)
     found = structures_of(config_of(labyrinths=most))
-    expected = {s for s in connected_3x3 if split_of(s, DEFAULT_BUCKETS) == full}
+    expected = {s for s in connected_3x3 if split_of(s, BUCKETS) == full}
     assert set(found[full]) == expected
 
 

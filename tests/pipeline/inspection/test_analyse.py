@@ -53,9 +53,16 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     assert len(shift["measures"]) == 36
     assert {test["labyrinths"][0] for test in shift["measures"]} == {8}
     shown = capsys.readouterr().out.splitlines()
+    counts = [len(pair["symmetric"]) for pair in leakage["pairs"]]
+    assert counts == [1, 0, 0]
+    turned = [
+        "Mirrored with start and goal kept: none.",
+        "Turned: 1 of validation in train.",
+    ]
     assert shown == [
-        "Leakage: no structure is in two splits, not even mirrored; none is repeated.",
-        f"{analysed / ANALYSIS} has near-twins and tests of shift.",
+        "Leakage: no structure is in two splits, and none is repeated.",
+        *turned,
+        f"Wrote {analysed / ANALYSIS} (near-duplicates, tests of shift).",
     ]
 
 
@@ -170,7 +177,7 @@ def test_where_ends_are_unknown_structures_alone_are_compared(make_run, tmp_path
     assert pair["same_route"] == {}
     shown = capsys.readouterr().out
     assert "only structures are compared" in shown
-    assert re.search(r"train +2 +1 +2 +2 .* - +0", shown)
+    assert re.search(r"train, test +2 +1 +2 +2 .* - +0", shown)
 
 
 def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_path, capsys):
@@ -186,6 +193,25 @@ def test_what_cannot_be_read_is_told_after_the_rest_is_certified(make_run, tmp_p
     assert len(content["problems"]) == 11
     lines = capsys.readouterr().out.splitlines()
     assert sum("a gap in the outer wall" in line for line in lines) == 9
+
+
+@pytest.mark.parametrize("kind", ["labyrinth", "parquet"])
+def test_a_link_that_leads_nowhere_is_told_after_the_rest_is_certified(
+    small_dataset, make_run, tmp_path, capsys, kind
+):
+    folder = tmp_path / "mine"
+    (folder / "train").mkdir(parents=True)
+    texts = labyrinths(small_dataset.folder, "train")
+    if kind == "parquet":
+        pq.write_table(table_of(texts), folder / "train" / "0.parquet")
+    else:
+        (folder / "train" / "0.labyrinth").write_text(texts[0])
+    (folder / "test").mkdir()
+    (folder / "test" / f"1.{kind}").symlink_to("/unplugged")
+    problem = rf"^1 labyrinths or files .* the first: \S*/test/1\.{kind}: a link that leads nowhere"
+    with pytest.raises(DatasetError, match=problem):
+        certified(make_run, folder, tmp_path)
+    assert "Leakage: " in capsys.readouterr().out
 
 
 def test_a_dataset_in_parquet_is_certified_as_our_own_is(analysed, make_run, tmp_path):
@@ -241,3 +267,18 @@ def test_a_source_without_labyrinths_is_refused_in_one_line(
         certified(make_run, name, tmp_path)
     assert "\n" not in str(caught.value)
     assert not (tmp_path / "data").exists()
+
+
+@pytest.mark.parametrize("added", ["x: &x {a: *x}", "x: !!timestamp abc", "x: [", "1: x"])
+def test_a_source_whose_front_matter_cannot_be_read_is_refused_in_one_line(
+    small_dataset, make_run, tmp_path, added
+):
+    folder = tmp_path / "elsewhere"
+    folder.mkdir()
+    texts = labyrinths(small_dataset.folder, "train")
+    pq.write_table(table_of(texts), folder / "train.parquet")
+    info = "dataset_info:\n  features:\n  - name: info\n    dtype: string\n"
+    (folder / "README.md").write_text(f"---\n{info}{added}\n---\n")
+    with pytest.raises(DatasetError, match="cannot be read") as caught:
+        certified(make_run, folder, tmp_path)
+    assert "\n" not in str(caught.value)

@@ -105,3 +105,50 @@ def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path:
         "3x3",
         "3x3-labyrinths",
     ]
+
+
+def nested(opening: str, of: str, levels: int = 12) -> str:
+    """Return YAML in which each value refers ten times to the one before."""
+    names = [f"a{number}: &a{number} " for number in range(levels)]
+    values = [of, *(opening % ", ".join([f"*a{n}"] * 10) for n in range(levels - 1))]
+    return "".join(f"{name}{value}\n" for name, value in zip(names, values, strict=True))
+
+
+@pytest.mark.parametrize(
+    "added",
+    [
+        nested("[%s]", "[x]"),
+        nested("{<<: [%s]}", "{x: y}"),
+        nested("[%s]", "[x]") + "license: *a11\n",
+        *("x: &x [*x]\n", "x: &x {a: *x}\n", "x: " + "[" * 9_999, "x: " + "{a: " * 9_999),
+        *("x: " + "[" * 40 + "]" * 40 + "\n", f"x: {'a' * 300_000}\n", f"x: [{'1,' * 60_000}]\n"),
+        *("x: " + "9" * 5_000, "x: 0x" + "f" * 5_000, "x: 1" + ":59" * 50_000),
+        *("x: 2024-99-99", "x: 2001-12-14t21:59:43.10-99:99", "x: !!timestamp abc"),
+        *("x: !!float abc", "x: !!int ''", "x: !!bool abc", "x: !!omap [a]", "? [a]\n: b\n"),
+        *("x: !!python/object/apply:os.getcwd []", 'x: "\\ud800"', "x: *nowhere", "x: [", "\tx"),
+    ],
+)
+def test_a_front_matter_that_cannot_be_read_is_refused_in_one_line_and_soon(
+    tmp_path: Path, added: str
+) -> None:
+    path = tmp_path / "README.md"
+    path.write_text(f"---\nconfigs: []\n{added}\n---\n# Mine\n")
+    with pytest.raises(DatasetError, match=r"README\.md: its front matter cannot be read") as told:
+        front_matter.read(path)
+    assert "\n" not in str(told.value)
+
+
+def test_aliases_and_dates_of_a_front_matter_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "README.md"
+    path.write_text("---\nconfigs: []\nx: &x [1]\ny: [*x, *x]\nz: 2024-02-29\n---\n")
+    values, _ = front_matter.read(path)
+    assert (values["y"], str(values["z"])) == ([[1], [1]], "2024-02-29")
+
+
+def test_a_readme_of_any_size_is_not_read_whole(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(front_matter, "MOST_TEXT", 100)
+    (tmp_path / "README.md").write_text("---\nconfigs: []\n---\n" + "x" * 100)
+    with pytest.raises(DatasetError, match=r"README\.md has over 100 characters"):
+        front_matter.read(tmp_path / "README.md")

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import subprocess
 import threading
 import time
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from functools import partial
@@ -19,9 +21,16 @@ from renaming import ERRORS, no_folder_is_renamed
 from tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at, temporary_beside
+from labyrinth_core.data.storage import (
+    AnyPath,
+    RemotePath,
+    file_sha256,
+    folder_at,
+    temporary_beside,
+)
+from labyrinth_core.language.collection import is_litter
 from pipeline.machinery import artifact
-from pipeline.machinery.artifact import HASHES, Sums, is_litter, leave, produced
+from pipeline.machinery.artifact import HASHES, Sums, leave, produced
 
 FILES = {"a": b"1", "deep/b": b"2"}
 
@@ -50,6 +59,17 @@ def test_an_artifact_is_made_once_and_its_list_is_one_for_sha256sum(tmp_path: Pa
     assert Sums.read(folder).key == {"key": 1}
     if program := shutil.which("sha256sum"):
         subprocess.run([program, "--strict", "-c", HASHES], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize("name", ["../x", "/x", "a/../x", r"..\x", r"C:\x", "C:x", r"\\host\x"])
+def test_no_name_in_a_list_is_of_a_file_elsewhere(tmp_path: Path, name: str) -> None:
+    make(tmp_path / "it")
+    with (tmp_path / "it" / HASHES).open("a") as file:
+        file.write(f"{'0' * 64}  {name}\n")
+    with pytest.raises(DatasetError, match="is damaged"):
+        Sums.read(tmp_path / "it")
+    own = Sums.read(tmp_path / "it", overwrite=True)
+    assert {name for name, _ in own.hashes} == FILES.keys()
 
 
 def test_an_artifact_of_another_key_is_replaced_only_if_that_is_asked_for(tmp_path: Path) -> None:
@@ -123,31 +143,37 @@ def test_after_a_crash_at_any_change_the_same_call_ends_in_the_same_bytes(
     pytest.fail("there are more changes than were tried")
 
 
-def test_what_is_missing_or_was_changed_after_the_list_is_made_anew(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    folder, hashed = tmp_path / "it", []
+def test_what_is_missing_is_made_anew(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    folder = tmp_path / "it"
     make(folder)
-    before = (folder / "a").stat().st_mtime
-    os.utime(folder / HASHES, (before + 9, before + 9))
-    sha256 = artifact.file_sha256
-    monkeypatch.setattr(artifact, "file_sha256", lambda p: hashed.append(p.name) or sha256(p))
-    assert not make(folder)
-    assert hashed == []
-    (folder / "a").write_bytes(b"x")
-    os.utime(folder / "a", (before + 9, before + 9))
+    (folder / "a").unlink()
+    (folder / "deep/b").unlink()
+    (folder / "deep/b").symlink_to("nowhere")
+    with pytest.raises(DatasetError, match="holds deep/b, damaged or changed since"):
+        make(folder)
     (folder / "deep/b").unlink()
     assert make(folder)
     assert made(folder) == FILES
-    assert "it is made again, because damaged or missing: a, deep/b." in capsys.readouterr().out
+    assert "it is made again, because missing: a, deep/b." in capsys.readouterr().out
 
 
-def test_damage_is_found_also_after_a_file_was_left(tmp_path: Path) -> None:
-    make(tmp_path / "it")
-    (tmp_path / "it" / "a").write_bytes(b"x")
-    leave(tmp_path / "it", {"c": b"3"})
-    assert make(tmp_path / "it")
-    assert made(tmp_path / "it") == FILES  # What was left was of the damaged one.
+@pytest.mark.parametrize("there", [True, False])
+def test_a_file_that_was_changed_is_found_whatever_its_time_and_kept(
+    tmp_path: Path, there: bool
+) -> None:
+    folder = tmp_path / "it"
+    make(folder)
+    before = (folder / "a").stat()
+    (folder / "a").write_bytes(b"x")
+    os.utime(folder / "a", ns=(before.st_atime_ns, before.st_mtime_ns))
+    if there:
+        leave(folder, {"c": b"3"})
+    reason = "it holds a, damaged or changed since it was made: give overwrite=true to make it aga"
+    with pytest.raises(DatasetError, match=reason):
+        make(folder)
+    assert (folder / "a").read_bytes() == b"x"
+    assert make(folder, overwrite=True)
+    assert made(folder) == FILES
 
 
 @pytest.mark.parametrize("name", ["notes", "deep/b/notes", "left"])
@@ -196,6 +222,14 @@ def test_a_file_in_the_place_of_an_artifact_is_refused(tmp_path: Path) -> None:
     with pytest.raises(DatasetError, match="it is a file: move it, or choose another folder"):
         make(tmp_path / "it", overwrite=True)
     assert (tmp_path / "it").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("name", ["it", "deep/it"])
+def test_a_file_in_the_place_of_a_folder_above_is_named(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").write_bytes(b"mine")
+    for act in (make, partial(leave, files=FILES)):
+        with pytest.raises(DatasetError, match=r"file is a file: move it, or choose another fold"):
+            act(tmp_path / "file" / name)
 
 
 def test_a_link_to_an_artifact_stays(tmp_path: Path) -> None:
@@ -285,11 +319,16 @@ def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path)
     sums = Sums.read(tmp_path)
     assert sums.others(new) == ["chart", "photo", "folder"]
     with pytest.raises(
-        DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: made or chan"
+        DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: made or changed by"
     ):
         leave(tmp_path, new)
     sums.replace({"page": b"2"}, gone=["chart", "table"]).write()
     assert made(tmp_path) == {"page": b"2", "chart": b"mine", "photo": b"mine"}
+    leave(tmp_path, {"table": b"1"})
+    (tmp_path / "table").write_bytes(b"mine")
+    with pytest.raises(DatasetError, match="table: damaged or changed, so not overwritten: move"):
+        leave(tmp_path, {"table": b"2"})
+    (tmp_path / "table").unlink()
     leave(tmp_path, {"chart": b"2"}, overwrite=True)
     assert made(tmp_path)["chart"] == b"2"
 
@@ -304,8 +343,132 @@ def test_files_that_an_interrupted_run_has_written_are_still_known(
     assert Sums.read(tmp_path).others({"page": b"3", "chart": b"3"}) == []
 
 
+def test_a_killed_writer_s_successor_lists_each_file_once_with_its_hash(tmp_path: Path) -> None:
+    old, new = {"page": b"1", "chart": b"1"}, {"page": b"2", "more": b"2"}
+    for there in (None, {"a": 1}):
+        for change in range(100):
+            folder = tmp_path / f"{there}-{change}"
+            if there:
+                leave(folder, old, key=there)
+            act = partial(leave, folder, new, key={"a": 1})
+            killed = killed_before(change, folder, act)
+            if there:  # Another stage may come first.
+                leave(folder, {"third": b"3"})
+                names = [name for name, _ in Sums.read(folder).hashes]
+                assert len(names) == len({*names})
+                (folder / "third").unlink()
+            act()
+            listed = Sums.read(folder)
+            files = {name: file_sha256(folder / name) for name in made(folder)}
+            assert made(folder) == (old if there else {}) | new
+            assert sorted(listed.hashes) == sorted(files.items())
+            assert listed.key == {"a": 1}
+            assert not [path for path in folder.iterdir() if path.name.startswith(".")]
+            if not killed:
+                assert change > 3
+                break
+
+
+@pytest.mark.parametrize("act", [make, partial(leave, files=FILES)])
+def test_a_damaged_list_is_called_damaged_and_its_advice_works(
+    tmp_path: Path, act: Callable[..., object]
+) -> None:
+    folder, path, away = tmp_path / "it", tmp_path / "it" / HASHES, tmp_path / "away"
+    act(folder)
+    whole, content = path.read_bytes(), content_of(folder)
+    flipped = [whole[:n] + bytes([whole[n] ^ 1]) + whole[n + 1 :] for n in range(len(whole))]
+    cut = [whole[:n] for n in range(len(whole))]
+    for number, text in enumerate([*flipped, *cut, bytes(len(whole))]):
+        path.write_bytes(text)
+        with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its"):
+            act(folder)
+        if number % 2:
+            folder.rename(away)
+            act(folder)
+            shutil.rmtree(away)
+        else:
+            refusal = ""
+            try:
+                act(folder, overwrite=True)
+            except DatasetError as error:  # The names of some files cannot be read.
+                refusal = str(error)
+            if refusal:
+                assert re.search("it holds .*, which would be lost: move it elsewhere", refusal)
+                shutil.rmtree(folder)
+                act(folder)
+        assert content_of(folder) == content
+
+
+def test_a_list_of_an_older_version_without_a_hash_of_itself_is_read(tmp_path: Path) -> None:
+    make(tmp_path / "it")
+    path = tmp_path / "it" / HASHES
+    lines = path.read_text().splitlines(keepends=True)
+    path.write_text("".join([lines[0], *lines[2:]]))
+    assert lines[1].startswith("# sha256 of the lines below ")
+    assert not make(tmp_path / "it")
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, overwrite: bool) -> None:
+    folder, elsewhere = tmp_path / "it", tmp_path / "elsewhere"
+    leave(folder, {"page": b"1", "deep/chart": b"1"})
+    elsewhere.mkdir()
+    for name in ("page", "deep", HASHES):
+        (folder / name).rename(elsewhere / name)
+        (folder / name).symlink_to(elsewhere / name)
+    before = content_of(elsewhere)
+    with pytest.raises(DatasetError, match="deep is a link, and nothing is written through it"):
+        leave(folder, {"deep/chart": b"2"}, overwrite=overwrite)
+    with pytest.raises(DatasetError, match="deep is a link"):
+        Sums.read(folder).replace({}, gone=["deep/chart"])
+    leave(folder, {"page": b"2"}, overwrite=overwrite)
+    assert (folder / "page").read_bytes() == b"2"
+    assert not (folder / "page").is_symlink()
+    Sums.read(folder).replace({}, gone=["page"]).write()
+    assert not (folder / "page").exists()
+    assert content_of(elsewhere) == before
+
+
+def test_a_link_to_a_file_that_is_not_ours_is_refused_and_replaced_itself_if_asked_for(
+    tmp_path: Path,
+) -> None:
+    folder, mine = tmp_path / "it", tmp_path / "mine"
+    mine.write_bytes(b"mine")
+    folder.mkdir()
+    for name, place in (("page", mine), ("chart", tmp_path / "nowhere"), ("table", tmp_path)):
+        (folder / name).symlink_to(place)
+        with pytest.raises(DatasetError, match=f"{name}: made or changed by someone else, so"):
+            leave(folder, {name: b"2"})
+        leave(folder, {name: b"2"}, overwrite=True)
+        assert (folder / name).read_bytes() == b"2"
+    (folder / HASHES).unlink()
+    (folder / HASHES).symlink_to("nowhere")
+    with pytest.raises(DatasetError, match="SHA256SUMS is a link that leads nowhere: remove it"):
+        leave(folder, {"page": b"3"})
+    assert mine.read_bytes() == b"mine"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["it", "mine"]
+
+
+def test_an_artifact_of_links_is_whole_and_replaced_without_their_targets(tmp_path: Path) -> None:
+    folder, store = tmp_path / "it", tmp_path / "store"
+    make(folder)
+    shutil.copytree(folder, store)
+    for name in (*FILES, HASHES):
+        (folder / name).unlink()
+        (folder / name).symlink_to(store / name)
+    before = content_of(store)
+    assert not make(folder)
+    assert make(folder, 2, {"a": b"2"}, overwrite=True)
+    assert made(folder) == {"a": b"2"}
+    shutil.rmtree(folder / "deep", ignore_errors=True)
+    (folder / "deep").symlink_to(store / "deep")
+    with pytest.raises(DatasetError, match="it holds deep, which would be lost"):
+        make(folder, overwrite=True)
+    assert content_of(store) == before
+
+
 @pytest.mark.parametrize(
-    "text", ["", f"{'0' * 64}  thesis.txt\n", "page is mine\n", "\0\xff", "# mine\n"]
+    "text", [f"{'0' * 64}  thesis.txt\n", "page is mine\n", "\0\xff", "# mine\n"]
 )
 def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
     (tmp_path / HASHES).write_text(text, encoding="latin-1")
@@ -319,6 +482,7 @@ def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: st
         *((".DS_Store", True), ("Thumbs.db", True), ("desktop.ini", True), ("._page", True)),
         *((".ipynb_checkpoints/notes.txt", True), ("meta/.nfs000000000012ab", True)),
         *(("cache-0123456789abcdef.arrow", True), ("data/cache-1_00000_of_00002.arrow", True)),
+        *(("@eaDir/page.png/SYNO", True), ("#recycle/x", True), (".Trash-1000/files/x", True)),
         *((".hidden", False), ("cache.arrow", False), ("cache-notes.txt", False)),
         *(("notes.DS_Store", False), ("Thumbs.db.txt", False), ("desktop/notes.txt", False)),
     ],

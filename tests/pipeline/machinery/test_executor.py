@@ -50,11 +50,23 @@ def die_once(marker: Path) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
+def wait_for(marker: Path, item: int) -> int:
+    """Return an item when a file is there."""
+    while not marker.exists():
+        time.sleep(0.01)
+    return item
+
+
 def made_at_last(marker: Path, job: generation.ShardJob) -> Shard:
-    """Make a shard, but the worker that has the one of `s0` dies, the first time."""
+    """Make a shard, but the worker that has the one of `s0` dies once that of train is made."""
+    train = marker.with_name("train-is-made")
     if job.split == "s0":
+        wait_for(train, 0)  # On a busy machine the other worker may be late.
         die_once(marker)
-    return make_shard(job)
+    shard = make_shard(job)
+    if job.split == "train":
+        train.touch()
+    return shard
 
 
 def always_die(_item: int) -> None:
@@ -62,13 +74,6 @@ def always_die(_item: int) -> None:
 
 
 # This machine.
-
-
-def wait_for(marker: Path, item: int) -> int:
-    """Return an item when a file is there."""
-    while not marker.exists():
-        time.sleep(0.01)
-    return item
 
 
 def test_items_are_taken_when_a_worker_is_free(tmp_path: Path) -> None:
@@ -147,7 +152,7 @@ def test_nothing_is_left_of_a_build_whose_first_process_is_ended(name: str, tmp_
     with subprocess.Popen(command, cwd=root, start_new_session=True, text=True, stderr=PIPE) as run:
         try:
             for _ in range(6000):
-                if len(list(tmp_path.glob(".4x4.building/.labyrinth-*/*.parquet"))) == 2:
+                if len(list(tmp_path.glob(".4x4.building/.*.parquet.*.tmp"))) == 2:
                     break
                 time.sleep(0.01)
             os.kill(run.pid, number)
@@ -212,6 +217,36 @@ def test_threads_of_one_dask_worker_make_the_bytes_that_one_process_makes(
     ):
         folder = build(tmp_path).folder
     assert content_of(folder) == content_of(small_dataset.folder)
+
+
+def a_cluster_without_workers() -> distributed.LocalCluster:
+    own = {"processes": False, "protocol": "tcp", "dashboard_address": "127.0.0.1:0"}
+    return distributed.LocalCluster(n_workers=0, **own)
+
+
+def test_workers_that_come_later_are_waited_for_and_the_wait_is_told(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with (
+        a_cluster_without_workers() as started,
+        cluster("dask", 2, started.scheduler_address, 60),
+    ):
+        later = threading.Timer(2, lambda: started.scale(1))
+        later.start()
+        assert list(ordered_map(abs, [-1, -2, -3], 2)) == [1, 2, 3]
+        later.join()
+    told = f"waiting for a worker of executor=dask executor_address={started.scheduler_address} "
+    assert capsys.readouterr().out.replace("\n", " ").startswith(told)
+
+
+def test_a_cluster_whose_workers_never_come_is_waited_for_as_long_as_is_said() -> None:
+    with (
+        a_cluster_without_workers() as started,
+        pytest.raises(ConfigError, match=r"^executor=dask .* within executor_wait=1 s") as caught,
+        cluster("dask", 2, started.scheduler_address, 1),
+    ):
+        list(ordered_map(abs, [-1, -2], 2))
+    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,7 @@ def test_the_questions_are_validated(copied, capsys):
     pq.write_table(pa.Table.from_pylist(changed, rows.schema), folder / TEST)
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
         check.run(copied)
-    manifest = Manifest.read(folder, has_table=False)
+    manifest = Manifest.read(folder, companion="questions")
     shards = [
         replace(shard, sha256=file_sha256(folder / TEST)) if shard.path == TEST else shard
         for shard in manifest.shards

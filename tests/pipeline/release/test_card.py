@@ -26,7 +26,7 @@ from planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
@@ -380,11 +380,13 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
         FOREIGN, b"mine"
     )
     *_, last = capsys.readouterr().out.splitlines()
-    assert last.startswith("Not written, because no card wrote them, or they changed since: ")
+    assert "because no card wrote them, or they were damaged or changed since; overwrite" in last
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
     listed = (folder / HASHES).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
     assert not {*FOREIGN} & {*files_of(folder)}
+    card.write_card(folder, overwrite=True)
+    assert {*FOREIGN} <= {*files_of(folder)}
 
 
 def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_alone(folder):
@@ -400,7 +402,12 @@ def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_al
 
 
 @pytest.mark.parametrize(
-    ("licence", "named"), [("cc-by-4.0", "cc-by-4.0"), (["mit", "cc0-1.0"], "mit, cc0-1.0")]
+    ("licence", "named"),
+    [
+        ("cc-by-4.0", "cc-by-4.0"),
+        (["mit", "cc0-1.0"], "mit, cc0-1.0"),
+        ("a\x1b[2J\nb", r"a\x1b[2J\nb"),
+    ],
 )
 def test_a_licence_that_a_person_gives_is_kept_and_named_everywhere(folder, licence, named):
     path = folder / "README.md"
@@ -453,6 +460,13 @@ def test_an_analysis_of_other_rows_is_neither_shown_nor_published(folder):
 def test_a_readme_with_one_mark_only_is_refused(folder, mark):
     (folder / "README.md").write_text(text(folder).replace(mark, ""), encoding="utf-8")
     refused(folder, "one of the two marks of the generated text is missing")
+
+
+def test_a_dataset_without_its_manifest_is_named_and_not_left_out(folder):
+    (folder / "3x4-key_and_door" / MANIFEST).unlink()
+    refused(folder, r"3x4-key_and_door is a dataset without its manifest\.json: move it away, and")
+    shutil.move(folder / "3x4-key_and_door", folder.parent)
+    card.write_card(folder)
 
 
 def test_a_dataset_with_a_leak_gets_no_card(folder):

@@ -26,6 +26,7 @@ from labyrinth_core.evaluation.scores import WHY_SPL
 from pipeline.config.options import source_of
 from pipeline.config.training import training_folder
 from pipeline.evaluation import evaluate as evaluate_stage
+from pipeline.machinery.artifact import HASHES
 from pipeline.release.model import stage_policy
 from pipeline.release.options import PublishOptions
 from pipeline.training import train
@@ -244,6 +245,7 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     for name in ("results.json", "run.json"):
         for setting, text in (("a", "<b>|"), ("b", "`<img src=x>\n## Mine`")):
             change(copied.training_folder / name, "run", "settings", setting, value=text)
+    (copied.training_folder / HASHES).unlink()  # It has the hash of the unchanged record.
     stage_policy(copied, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
@@ -299,7 +301,7 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     told = f"{results} is for other weights than policy.safetensors: stages=evaluate"
     assert refused(copied, manifest, staged).startswith(told)
     change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
-    assert refused(copied, manifest, staged).startswith(f"{weights} holds no weights: ")
+    assert refused(copied, manifest, staged).startswith(f"{weights} is damaged: ")
     change(results, "run")
     told = f"{results} belongs to another run: stages=evaluate makes it again"
     assert refused(copied, manifest, staged) == told

@@ -74,7 +74,7 @@ def open_report(browser: Browser, reported: Path) -> Iterator[Callable[..., Page
         page.on("console", lambda message: complaints.append(message.text))
         page.on("pageerror", lambda error: complaints.append(str(error)))
         page.on("request", lambda request: asked.append(request.url))
-        page.goto(f"{(reported / 'report' / 'index.html').as_uri()}#/{part}")
+        page.goto(f"{(reported / 'report' / 'index.html').as_uri()}#{part}")
         return page
 
     yield opened
@@ -293,6 +293,21 @@ def test_the_gallery_says_what_the_colours_mean(open_report):
     assert colours == [f"rgb{getattr(DEFAULT_STYLE, name)}" for name in names]
 
 
+def test_the_address_chooses_the_part_and_a_phone_begins_with_labyrinths(open_report):
+    page = open_report("leakage", **PHONE)
+    assert page.locator("#leakage").is_visible()
+    for address, part in {
+        "#/figures": "figures",
+        "#results": "results",
+        "#other": "gallery",
+    }.items():
+        page.evaluate("address => { location.hash = address; }", address)
+        page.locator(f"#{part}").wait_for()
+    assert not page.locator("#filters").is_visible()
+    page.locator("#filter-box > summary").tap()
+    assert page.locator("#filters").is_visible()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_it_fits_a_phone_and_can_be_read_in_light_and_dark(open_report, scheme):
     page = open_report(color_scheme=scheme, **PHONE)
@@ -302,8 +317,8 @@ def test_it_fits_a_phone_and_can_be_read_in_light_and_dark(open_report, scheme):
         assert page.locator(f"#{part}").is_visible()
         assert page.evaluate("document.documentElement.scrollWidth") == 390
         assert page.evaluate(
-            "() => [...document.querySelectorAll('#analysis .scroll')]"
-            ".every((each) => each.scrollWidth <= each.clientWidth)"
+            "() => [...document.querySelectorAll('#analysis th')]"
+            ".every((each) => getComputedStyle(each).writingMode === 'horizontal-tb')"
         )
         unnamed = page.evaluate(
             """() => [...document.querySelectorAll(

@@ -9,7 +9,6 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from commands import RUN, ended
 from policies import Rounds
@@ -18,7 +17,7 @@ from submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import WHY_SPL
+from labyrinth_core.evaluation.scores import WHY_SPL, by_labyrinth
 from pipeline.results import results as stage
 from pipeline.results.entry import Entry, boards, figures_of
 from pipeline.results.leaderboard import MARK, leaderboard
@@ -84,7 +83,7 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
             row, figures = found[name, split], scores.figures()
             for figure in ("labyrinths", *scores.summary(), "path_efficiency"):
                 assert row[figure] == ("" if figures[figure] is None else str(figures[figure]))
-            figures["spl_interval"] = interval(np.atleast_2d(scores.weighted))
+            figures["spl_interval"] = interval(by_labyrinth(scores.weighted)[None])
             for figure in ("spl", "sr", "aer"):
                 bounds = [row[f"{figure}_low"], row[f"{figure}_high"]]
                 assert bounds == [str(bound) for bound in figures[f"{figure}_interval"]]
@@ -92,9 +91,9 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
             assert (row["train_steps"], row["parameters"]) == ("12", "")
             assert row["compared"] == "True"
         scores = each.splits["test"]
-        low, high = interval(np.atleast_2d(scores.weighted))
+        low, high = interval(by_labyrinth(scores.weighted)[None])
         cells = f"| {100 * scores.spl:.1f} [{100 * low:.1f}, {100 * high:.1f}] |"
-        assert re.search(rf"\| {name} \|  {re.escape(cells)}", text(tmp_path / "results"))
+        assert re.search(rf"\| {name} {re.escape(cells)}", text(tmp_path / "results"))
     assert WHY_SPL in text(tmp_path / "results")
 
 
@@ -122,6 +121,8 @@ def test_a_name_of_ours_or_of_another_submission_is_refused(results, run_of, sub
     }
     for name, (about, _) in reasons.items():
         submit(content_of(results["rounds"], **{"name": "other", **about}), f"{name}.json")
+    (tmp_path / "results" / "submissions" / "gone.json").symlink_to("nowhere")
+    reasons["gone"] = ({}, "a link that leads nowhere: .*")
     refused = refused_by(run_of())
     assert refused.keys() == reasons.keys()
     for name, (_, why) in reasons.items():
@@ -252,6 +253,7 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
         entry("equal", 0.45, 0.4, 0.5),
         entry("best", 1.0, 1.0, 1.0),
         entry("not compared", 1.0, 1.0, 1.0, compared=False),
+        entry("failing", 0.0, 0.0, 0.04),
     ]
     for [board] in (boards(entries), boards(reversed(entries))):
         assert [(each.rank, each.about.name) for each in board] == [
@@ -261,8 +263,23 @@ def test_a_rank_counts_the_methods_whose_interval_lies_wholly_above(entry):
             (2, "beside"),
             (5, "low"),
             (None, "not compared"),
+            (None, "failing"),
             (None, "none"),
         ]
+
+
+def test_of_methods_that_solve_nothing_none_is_first(entry):
+    [board] = boards([entry("a", 0.0, 0.0, 0.04), entry("b", 0.0, 0.0, 0.04)])
+    assert [each.rank for each in board] == [None, None]
+    page = leaderboard([board])["leaderboard.md"]
+    assert "\n|  | a | 0.0 [0.0, 4.0] |" in page
+
+
+def test_the_leaderboard_begins_with_the_ranks(entry):
+    page = leaderboard(boards([entry("a", 0.5)]))["leaderboard.md"]
+    _, heading, *lines = [line for line in page.splitlines() if line.startswith(("#", "|"))]
+    assert (heading, lines[0]) == ("## 5x5", "| rank | method | SPL | SR | n |")
+    assert page.index("## How to read it") > page.index("fingerprint is")
 
 
 def test_every_config_and_dataset_has_a_board_of_its_own_the_smallest_first(entry):
@@ -281,7 +298,7 @@ def test_no_name_is_markup_a_link_or_a_formula(entry):
     about = Description(name, author="@me|", url=url, budget="+1<b>", details={"steps": 5})
     shown = replace(entry("x", -0.5), about=about)
     page, table = leaderboard([[shown]]).values()
-    told = page.partition(f"`{'0' * 64}`")[2]
+    told = page.partition("## 5x5")[2].partition("The dataset's fingerprint")[0]
     assert not re.search(r"(?<!\\)[<`*]", told)
     link = r"[=1\|\<script\>\[a\](javascript:b)\`\*](https://a.org/%28b%29%5Bc%5D%7C%3Cd%3E)"
     assert link in told

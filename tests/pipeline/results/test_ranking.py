@@ -1,7 +1,8 @@
-"""Which methods do better than which: by hand, by resampling one at a time, and in the tables."""
+"""Which methods do better than which: by hand, against SciPy, and in the tables."""
 
 from __future__ import annotations
 
+from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -25,21 +26,9 @@ PUBLISHED = Path(__file__).parents[3] / "docs/results/runs"
 
 def test_the_interquartile_mean_leaves_out_a_quarter_on_either_side():
     scores = np.array([8.0, 1, 7, 2, 6, 3, 5, 100])
-    assert interquartile_mean([scores])[0] == np.mean([3, 5, 6, 7])
-    assert interquartile_mean([scores[:3], scores[3:]])[0] == np.mean([3, 5, 6, 7])
-    assert interquartile_mean([np.array([1.0, 2, 6])])[0] == 3  # A quarter of three is none.
-    assert interquartile_mean([np.array([0.5]), np.array([0.25])]) == (0.375, 0.375, 0.375)
-
-
-def test_runs_are_resampled_in_each_size_by_itself():
-    rng = np.random.default_rng(7)
-    tasks = [rng.normal(0, 1, 8), rng.normal(5, 1, 8)]
-    means = []
-    for _ in range(4000):
-        drawn = np.sort(np.concatenate([rng.choice(each, len(each)) for each in tasks]))
-        means.append(drawn[4:12].mean())
-    _, *bounds = interquartile_mean(tasks)
-    assert bounds == pytest.approx(np.quantile(means, [0.025, 0.975]), abs=0.05)
+    assert interquartile_mean(scores) == np.mean([3, 5, 6, 7])
+    assert interquartile_mean(np.array([1.0, 2, 6])) == 3  # A quarter of three is none.
+    assert interquartile_mean(np.array([0.5])) == 0.5
 
 
 @pytest.mark.parametrize(
@@ -49,7 +38,7 @@ def test_runs_are_resampled_in_each_size_by_itself():
         ([1, 2, 4], [3, 5, 6], 4 / 20),
         ([1, 2], [5, 6, 7], 1 / 10),  # The opposite has groups of other sizes.
         ([0.3, 0.3, 0.3], [0.1 + 0.2, 0.3], 1),  # Equal but for rounding.
-        ([1], [0], 1),
+        ([0.1] * 5, [0.9] * 5, 2 / 252),  # Without any spread.
     ],
 )
 def test_a_difference_is_as_rare_as_the_divisions_of_the_runs_that_have_it(mine, others, expected):
@@ -57,10 +46,45 @@ def test_a_difference_is_as_rare_as_the_divisions_of_the_runs_that_have_it(mine,
     assert exchange_test(*groups) == exchange_test(*groups[::-1]) == pytest.approx(expected)
 
 
+def test_the_divisions_are_compared_by_the_statistic_of_welch():
+    rng = np.random.default_rng(3)
+    mine, others = rng.normal(0, 1, 4), rng.normal(1, 0.1, 7)
+    scores, found = np.concatenate([mine, others]), []
+    for chosen in combinations(range(11), 4):
+        left = np.delete(scores, chosen)
+        found.append(abs(ttest_ind(scores[list(chosen)], left, equal_var=False).statistic))
+    expected = np.mean(np.array(found) >= found[0] - 1e-9)
+    assert exchange_test(mine, others) == pytest.approx(expected)
+
+
 def test_of_more_divisions_than_are_counted_a_random_part_gives_nearly_the_same():
     rng = np.random.default_rng(0)
     mine, others = rng.normal(0, 1, 20), rng.normal(0.6, 1, 20)
-    assert exchange_test(mine, others) == pytest.approx(ttest_ind(mine, others).pvalue, abs=0.01)
+    expected = ttest_ind(mine, others, equal_var=False).pvalue
+    assert exchange_test(mine, others) == pytest.approx(expected, abs=0.01)
+
+
+@pytest.mark.parametrize(("runs", "others", "most"), [(5, 5, 0.12), (5, 19, 0.14), (10, 10, 0.09)])
+def test_equal_means_of_unequal_spread_are_told_apart_no_more_often_than_is_said(
+    runs, others, most
+):
+    rng = np.random.default_rng(0)
+    found = [
+        exchange_test(rng.normal(0, 1, runs), rng.normal(0, 0.1, others)) <= 0.05
+        for _ in range(500)
+    ]
+    assert np.mean(found) <= most
+
+
+def test_on_methods_with_fewer_than_five_runs_there_is_no_verdict():
+    low, high = np.linspace(0.40, 0.44, 5), np.linspace(0.90, 0.94, 5)
+    rates = {"a": low, "b": high, "c": high[:4]}
+    assert list(differences_of(rates)) == [("a", "b")]
+    told = conclusion(rates)
+    assert told.startswith("Significantly better, at a level of 5% over 1 pair: b than a.")
+    none = "No verdict on c: it takes 5 runs of each method."
+    assert told.endswith(f" {none}")
+    assert conclusion({"c": high[:4], "d": low[:1]}) == none.replace("c:", "c, d:")
 
 
 @pytest.fixture(scope="module")

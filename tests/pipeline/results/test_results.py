@@ -93,6 +93,18 @@ def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
         assert sum(int(count) for _, count in counts) == 16
 
 
+def test_a_mean_over_seeds_is_rounded_once_so_that_no_version_of_python_changes_it(evaluated):
+    # Built-in `sum` is compensated from Python 3.12 on; ten times 0.1 then has another last digit.
+    runs = []
+    for seed in range(10):
+        found = of(evaluated, "bc-cnn-seed0")
+        test = replace(found.splits["test"], accuracy_elsewhere=0.1)
+        run = replace(found.run, seed=seed)
+        runs.append(replace(found, run=run, splits={**found.splits, "test": test}))
+    (method,) = entries_of(runs)
+    assert method.figures["test"]["accuracy_elsewhere"] == 0.1
+
+
 @pytest.mark.slow
 def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path, capsys):
     folder = tmp_path / "results"
@@ -156,6 +168,16 @@ def test_a_kept_file_of_somebody_else_is_not_replaced_by_a_copy_of_the_same_name
     assert kept.read_text(encoding="utf-8") == theirs
 
 
+def test_a_folder_in_the_place_of_a_file_of_results_is_named(evaluated, run_of, tmp_path):
+    for name in ("runs/3x3/x.json", "submissions/3x3/y.json"):
+        (tmp_path / "results" / name).mkdir(parents=True)
+    with pytest.raises(stage.RefusedError) as refused:
+        stage.run(run_of(evaluated))
+    assert "2 files not on the leaderboard" in str(refused.value)
+    for name in ("x", "y"):
+        assert f"3x3/{name}.json is refused: it is not a file" in str(refused.value)
+
+
 def test_without_results_there_is_one_clear_line(run_of, tmp_path):
     with pytest.raises(DatasetError, match=r"holds no results, .* 'stages=\[train,evaluate\]'"):
         stage.run(run_of(tmp_path / "nothing there"))
@@ -211,6 +233,18 @@ def test_runs_are_compared_with_the_dataset_that_is_available_if_it_is_theirs(
     stage.run(run_of(evaluated, other.data_dir))
     assert f"{other.data_dir}/3x3 is another dataset" in capsys.readouterr().out
     assert ",True,train," not in board.read_text()
+
+
+def test_runs_of_equal_weights_are_named(evaluated, run_of, tmp_path, capsys):
+    runs = tmp_path / "runs"
+    for seed, weights in enumerate(("a" * 64, "b" * 64, "a" * 64, None, None)):
+        found = of(evaluated, "bc-cnn-seed0")
+        made = replace(found.run, seed=seed, evaluated=found.run.evaluated | {"weights": weights})
+        keep(replace(found, seed=seed, run=made), runs)
+    stage.run(run_of(runs))
+    told = [line for line in capsys.readouterr().out.splitlines() if "Equal weights" in line]
+    names = "3x3/bc-cnn-seed0.json, 3x3/bc-cnn-seed2.json"
+    assert told == [f"Equal weights, so one policy that counts 2 times: {names}"]
 
 
 @pytest.mark.slow

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import signal
+import subprocess
+import sys
 from functools import partial
 
 import numpy as np
@@ -14,7 +17,10 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.spec import GRAPH
 from pipeline.season import graph
+from pipeline.season.commitment import Season
 from pipeline.season.graph import computed
+from pipeline.season.graph_process import ASKED
+from pipeline.season.judge import judged
 from pipeline.season.submission import fetched
 
 pytestmark = pytest.mark.slow
@@ -51,6 +57,13 @@ def test_a_graph_may_look_at_vectors():
         assert policy(np.arange(14).reshape(2, 7)).tolist() == [[0, 1, 2, 3], [7, 8, 9, 10]]
 
 
+@pytest.mark.parametrize("shape", [("b", "n"), ("", ""), ("b", 7)])
+def test_vectors_may_have_any_length_that_the_graph_declares(shape):
+    weights = np.eye(7, 4, dtype=np.float32)
+    with computed(linear(weights, "int32", shape), "vectors") as policy:
+        assert policy(np.arange(14).reshape(2, 7)).tolist() == [[0, 1, 2, 3], [7, 8, 9, 10]]
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -65,7 +78,8 @@ def test_a_graph_may_look_at_vectors():
                 nodes=[node("Add", ["product", "weights_2"], "scores")],
                 tensors=[elsewhere("weights_2", [4], "secret.bin")],
             ),
-            "External data",
+            r"its weights are in another file, but one file is needed: export it with torch\.onnx\."
+            r"export\(\.\.\., external_data=False\)$",
         ),
         (
             more(nodes=[node("Div", ["nothing", "nothing"], "scores")], tensors=[NOTHING]),
@@ -115,6 +129,40 @@ def test_a_graph_that_does_not_end_is_refused_in_time(monkeypatch):
         computed(endless(), "evil.onnx") as policy,
     ):
         policy(PICTURES)
+
+
+def test_the_process_of_a_graph_has_a_limit_of_its_own_on_processor_time():
+    batch = PICTURES[:1].tobytes()
+    limited = (
+        "import sys; from pipeline.season import graph_process as g; g.SECONDS = 1; "
+        "g.serve(sys.stdin.buffer, sys.stdout.buffer)"
+    )
+    for content, status in ((linear(WEIGHTS), 0), (endless(), -signal.SIGXCPU)):
+        asked = ASKED.pack(len(content), 0) + content + ASKED.pack(len(batch), 1) + batch
+        ended = subprocess.run(
+            [sys.executable, "-c", limited], input=asked, capture_output=True, check=False
+        )
+        assert ended.returncode == status
+
+
+def test_a_graph_that_draws_at_random_is_refused_in_words_that_fit_a_judge(tmp_path, small_dataset):
+    drawn = node("RandomUniformLike", ["product"], "scores")
+    (tmp_path / GRAPH).write_bytes(more(nodes=[drawn]))
+    season = Season(
+        name="2026-a",
+        date="2026-11-30",
+        config={},
+        labyrinths={},
+        secret_sha256="0" * 64,
+        fingerprint="0" * 64,
+        shards={},
+        versions={},
+    )
+    with (
+        fetched(str(tmp_path)) as submission,
+        pytest.raises(PolicyError, match="answers the same observations differently: a season jud"),
+    ):
+        judged(season, submission, small_dataset.data_dir, small_dataset.dataset)
 
 
 def test_a_large_graph_and_what_is_no_graph_are_refused_before_they_are_read(tmp_path):

@@ -27,28 +27,6 @@ FIGURES = r"SPL [01]\.\d\d, SR [01]\.\d\d"
 """The labyrinths are random, and the planner solves nearly all of them."""
 
 
-@pytest.fixture(scope="module")
-def hidden(tmp_path_factory, make_run):
-    """A season that was made, and judged on twice, with what was printed; not to be changed."""
-    perform = Performer(tmp_path_factory.mktemp("hidden"), make_run)
-    perform("season")
-    perform("judge")
-    perform("judge")
-    return perform
-
-
-@pytest.fixture
-def revealed(hidden, tmp_path, make_run):
-    """A copy of the public part of the season after it was revealed."""
-    perform = Performer(tmp_path, make_run)
-    shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
-    perform("reveal")
-    assert "is revealed, so nothing more can be judged on it" in perform("judge")
-    perform.place.secret.unlink()
-    shutil.rmtree(perform.place.private)
-    return perform
-
-
 def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_path):
     config = without_seed(make_run(tmp_path).dataset)
     text = json.dumps(config, sort_keys=True, separators=(",", ":"))
@@ -99,7 +77,9 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     secret = bytes.fromhex(text)
     seed = made.dataset_of(secret).seed
     for stage, given, message in (
-        ("season", {}, "2026-a exists: choose another season.name"),
+        ("season", {"date": "2026-12-01"}, "2026-a exists: choose another season.name"),
+        ("season", {"labyrinths": 17}, "2026-a exists: choose another season.name"),
+        ("season", {}, "season.json exists already: publish this folder now."),
         ("verify", {}, "is not revealed: secret.txt is missing"),
         ("judge", {"submission": "nowhere"}, "nowhere is neither a folder, a file, nor an id"),
         (
@@ -211,7 +191,7 @@ import sys
 from pathlib import Path
 
 tests = Path(sys.argv[2])
-sys.path[:0] = map(str, [tests.parent, tests / "support"])
+sys.path[:0] = map(str, [tests.parent, tests / "support", tests / "pipeline" / "season"])
 from huggingface_hub import HfApi
 from making import run_of
 from policies import lay_out_released

@@ -6,16 +6,17 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 import torch
 from learning import settings_of
 from safetensors import safe_open
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.learning.learner import Learner, Problem
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import Learner, Problem
 
 pytestmark = pytest.mark.slow
 
@@ -61,3 +62,41 @@ def test_the_checkpoint_of_another_run_is_refused(problem_of: Problems, tmp_path
     checkpoint.save(path, learner(problem_of()), Progress(), {"seed": 0, "encoder": "cnn"})
     with pytest.raises(DatasetError, match="seed=0, not 1: choose another run_dir"):
         checkpoint.load(path, learner(problem_of()), {"seed": 1, "encoder": "cnn"})
+
+
+def test_a_checkpoint_with_a_flipped_bit_is_refused_in_one_line(
+    problem_of: Problems, tmp_path: Path
+) -> None:
+    path, trained = tmp_path / "checkpoint", learner(problem_of())
+    trained.epoch()
+    checkpoint.save(path, trained, Progress(1, 1.5, [{"epoch": 1}]), {"seed": 0})
+    whole = path.read_bytes()
+    header = int.from_bytes(whole[:8], "little")
+    rng = np.random.default_rng(0)
+    places = [*range(8), *rng.integers(8, header, 150), *rng.integers(header, len(whole), 30)]
+    for place in map(int, places):
+        damaged = bytearray(whole)
+        damaged[place] ^= 1 << int(rng.integers(8))
+        path.write_bytes(damaged)
+        for read in (
+            lambda: checkpoint.load(path, learner(problem_of()), {"seed": 0}),
+            lambda: checkpoint.identity_in(path),
+        ):
+            with pytest.raises(DatasetError, match=rf"\A{path} [^\n]*; remove it to start again"):
+                read()
+    for content in (b"", whole[: len(whole) // 2], whole + b"x"):
+        path.write_bytes(content)
+        with pytest.raises(DatasetError, match=rf"\A{path} [^\n]*; remove it to start again"):
+            checkpoint.identity_in(path)
+    path.write_bytes(whole)
+    assert checkpoint.load(path, learner(problem_of()), {"seed": 0}).epoch == 1
+
+
+def test_a_dataset_that_has_moved_does_not_end_an_interrupted_run(
+    problem_of: Problems, tmp_path: Path
+) -> None:
+    path = tmp_path / "checkpoint"
+    identity = {"seed": 0, "dataset": "data/labyrinth", "revision": None, "fingerprint": "0"}
+    checkpoint.save(path, learner(problem_of()), Progress(3), identity)
+    moved = identity | {"dataset": "user/labyrinth", "revision": "v1"}
+    assert checkpoint.load(path, learner(problem_of()), moved).epoch == 3

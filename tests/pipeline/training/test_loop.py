@@ -13,11 +13,11 @@ import pytest
 import torch
 from learning import settings_of
 
+from labyrinth_core.learning.learner import Problem
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import PROTOCOLS
 from pipeline.training.loop import fit
 from pipeline.training.methods import bc
-from pipeline.training.methods.method import Problem
 from pipeline.training.record import CHECKPOINT
 
 

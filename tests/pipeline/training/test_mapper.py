@@ -20,6 +20,8 @@ from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
@@ -34,8 +36,6 @@ from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import mapper
-from pipeline.training.methods.acting import Steps
-from pipeline.training.methods.method import Problem
 
 pytestmark = pytest.mark.slow
 

@@ -13,10 +13,11 @@ from learning import equal_weights, states_seen_by
 from torch import nn
 
 from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.steps import Steps
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import METHODS
-from pipeline.training.methods.acting import Steps
-from pipeline.training.methods.method import Learner, Problem, find
+from pipeline.training.methods.method import find
 
 pytestmark = pytest.mark.slow
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -25,10 +26,11 @@ from pipeline.training.methods.method import find
 pytestmark = pytest.mark.slow
 
 DOCUMENT = (Path(__file__).parents[3] / "docs" / "new-method.md").read_text(encoding="utf-8")
+(EXAMPLE,) = re.findall(r"<!-- written to mine.py -->\n```python\n(.*?)```", DOCUMENT, re.DOTALL)
 
 BEGIN = """
 from dataclasses import dataclass
-from pipeline.training.methods.method import BaseSettings, Learner, setting
+from labyrinth_core.learning import BaseSettings, Learner, setting
 """
 IDLE = "    def epoch(self):\n        return {'loss': 0.5}\n"
 
@@ -69,10 +71,8 @@ def trained(run: Run) -> dict[str, Any]:
 def test_the_example_is_trained_judged_ranked_and_loaded(
     module: Callable[[str, str], None], run_of: Callable[..., Run], small_dataset: Run
 ) -> None:
-    found = re.search(r"<!-- written to mine.py -->\n```python\n(.*?)```", DOCUMENT, re.DOTALL)
-    assert found is not None
-    assert len(found[1].splitlines()) <= 34
-    module("mine", found[1])
+    assert len(EXAMPLE.splitlines()) <= 34
+    module("mine", EXAMPLE)
     run = run_of("mine:Method", settings={"smoothing": 0.2})
     record = trained(run)
     assert run.training_folder == Path("runs/3x3/mine-cnn-seed0")
@@ -90,6 +90,21 @@ def test_the_example_is_trained_judged_ranked_and_loaded(
     again = evaluate_policy(policy, str(small_dataset.data_dir), "3x3", splits=["test"])
     kept = json.loads((run.training_folder / "results.json").read_bytes())["splits"]["test"]
     assert again.splits["test"].sr == kept["sr"]
+
+
+def test_a_method_can_be_imported_beside_a_folder_called_pipeline(
+    module: Callable[[str, str], None],
+) -> None:
+    module("mine", EXAMPLE)
+    Path("pipeline").mkdir()
+    Path("pipeline/__init__.py").write_text("ours = True")
+    program = (
+        "import mine, pipeline; assert pipeline.ours; print(mine.Method.__mro__[1].__module__)"
+    )
+    run = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, check=True
+    )
+    assert run.stdout == "labyrinth_core.learning.learner\n"
 
 
 def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
@@ -138,7 +153,7 @@ def test_a_run_of_other_code_is_not_taken_for_the_run(
     ("name", "text", "told"),
     [
         ("m:Missing", IDLE.replace("    ", "", 1), "there is no Missing, only ["),
-        ("m:BaseSettings", "", "give a class that inherits from pipeline.training.methods.method."),
+        ("m:BaseSettings", "", "give a class that inherits from labyrinth_core.learning.Learner"),
         ("m:Idle", "class Idle(Learner):\n    pass\n", "and has a method epoch"),
         ("m:Idle", f"class Idle(Learner):\n{IDLE}Settings = 3\n", "has to be a dataclass"),
         (

@@ -19,9 +19,11 @@ from torch import nn
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.learning.learner import Problem
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Look
@@ -29,8 +31,6 @@ from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
-from pipeline.training.methods.method import Problem
-from pipeline.training.record import read_record
 
 pytestmark = pytest.mark.slow
 
@@ -140,7 +140,7 @@ def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Ru
 
 
 def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_in_numbers() -> None:
-    record = read_record(RELEASED)
+    record = read_run(RELEASED)
     assert record is not None
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 5, 5, "navigation")

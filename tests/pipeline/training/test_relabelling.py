@@ -13,14 +13,14 @@ from learning import settings_of
 from making import Run
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
+from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world.dynamics import is_terminal, transition
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.training.methods import bc, planner
-from pipeline.training.methods.acting import load_steps
-from pipeline.training.methods.method import Problem
-from pipeline.training.methods.relabelling import NO_LABEL, ExampleSampler
 
 pytestmark = pytest.mark.slow
 

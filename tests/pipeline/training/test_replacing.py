@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ import pytest
 from crashing import killed_before
 from making import Run
 
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.policies.spec import POLICY, RECORD
 from pipeline.config.errors import ConfigError
@@ -51,6 +53,28 @@ def require_finished(folder: Path) -> int:
     assert {name: file_sha256(folder / name) for name in content["files"]} == content["files"]
     assert POLICY in content["files"]
     return int(content["epochs"])
+
+
+def test_missing_curves_are_drawn_again_and_changed_ones_are_named(
+    run_of: Callable[..., Run], capsys: pytest.CaptureFixture[str]
+) -> None:
+    run = replace(run_of(), options=replace(run_of().options, overwrite=False))
+    train.run(run)
+    path = run.training_folder / CURVES
+    drawn = path.read_bytes()
+    path.unlink()
+    train.run(run)
+    assert path.read_bytes() == drawn
+    require_finished(path.parent)
+    path.write_bytes(b"mine")
+    train.run(run)
+    assert path.read_bytes() == b"mine"
+    printed = " ".join(capsys.readouterr().out.split())
+    assert f"{path} was missing, and is drawn again." in printed
+    assert f"{path} was damaged or changed: delete it to have it drawn again." in printed
+    (path.parent / POLICY).write_bytes(b"damaged")
+    with pytest.raises(DatasetError, match=r"holds policy.* damaged or changed since it was made"):
+        train.run(run)
 
 
 def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import shutil
+import socket
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -20,10 +22,11 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
+from pipeline.evaluation.trained import judge_trained
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES, FORMAT, RECORD, read_record
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 
 pytestmark = pytest.mark.slow
 
@@ -67,6 +70,30 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert ["validation_sr" in row for row in record["history"]] == [False, True, True]
     assert record["selected"] in record["history"]
     assert "SR" in capsys.readouterr().out
+
+
+def test_a_run_returns_its_success_rate_on_validation_which_a_sweep_may_maximise(
+    run_of: Callable[..., Run],
+) -> None:
+    run = run_of()
+    made, there_already = train.run(run), train.run(run)
+    assert made == there_already == record_of(run)["selected"]["validation_sr"]
+
+
+def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
+    run_of: Callable[..., Run],
+) -> None:
+    runs = run_of("usual"), run_of("other")
+    train.run(runs[0])
+    torch.set_default_dtype(torch.float64)
+    torch.set_default_device("meta")
+    try:
+        train.run(runs[1])
+        assert judge_trained(runs[1]).results.way == "look-ups"
+    finally:
+        torch.set_default_device(None)
+        torch.set_default_dtype(torch.float32)
+    assert weights_of(runs[0]) == weights_of(runs[1])
 
 
 def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
@@ -156,22 +183,6 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
         (folder / name).unlink()
 
 
-@pytest.mark.parametrize(
-    "content",
-    [
-        [],
-        {},
-        {"format": 0},
-        {"format": FORMAT, "run": [], "files": {}},
-        {"format": FORMAT, "run": {}, "files": None},
-    ],
-)
-def test_a_record_of_another_form_is_refused_in_one_line(tmp_path: Path, content: Any) -> None:
-    (tmp_path / RECORD).write_text(json.dumps(content))
-    with pytest.raises(DatasetError, match=rf"\A.*{RECORD} cannot be read: .*\Z"):
-        read_record(tmp_path)
-
-
 def test_the_labyrinths_of_test_are_never_opened(
     run_of: Callable[..., Run], small_dataset: Run, tmp_path: Path
 ) -> None:
@@ -191,6 +202,8 @@ def test_the_curves_are_written_for_tensorboard_on_request(run_of: Callable[...,
     train.run(run)
     events = list((run.training_folder / BOARD).iterdir())
     assert len(events) == 1
+    assert re.fullmatch(r"events\.out\.tfevents\.\d+", events[0].name)  # No name of a computer.
+    assert socket.gethostname().encode() not in events[0].read_bytes()
     assert b"validation_sr" in events[0].read_bytes()
 
 
@@ -244,6 +257,10 @@ def test_no_random_policy_to_learn_from_is_answered_in_one_line(
             "method.path_prior=1: give true or false",
         ),
         (
+            {"method": {"name": "planner", "path_prior": False, "iterations": 251}},
+            "method.iterations is 251: without path_prior, channels=32 and average=true allow at",
+        ),
+        (
             {"method": {"name": "planner", "sharpness": 1001}},
             "sharpness=1001: give a number from 0",
         ),
@@ -266,9 +283,31 @@ def test_an_impossible_setting_is_refused_in_one_line(
 def test_a_device_that_is_not_there_is_refused(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(torch.accelerator, "is_available", lambda: False)
     with pytest.raises(ConfigError, match="device=cuda: no such device is available"):
         train.run(run_of(device="cuda"))
+
+
+@pytest.mark.parametrize("found", ["cuda", "xpu", "mps"])
+def test_auto_takes_the_accelerator_that_pytorch_finds(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, found: str
+) -> None:
+    monkeypatch.setattr(torch.accelerator, "is_available", lambda: True)
+    monkeypatch.setattr(torch.accelerator, "current_accelerator", lambda: torch.device(found))
+    assert train.choose_device(run_of(device="auto").options).type == found
+    assert train.choose_device(run_of(device="cpu").options).type == "cpu"
+    if found != "cuda":
+        with pytest.raises(ConfigError, match="device=cuda: no such device is available"):
+            train.choose_device(run_of(device="cuda").options)
+
+
+def test_the_record_says_what_may_be_rounded_to_tf32_on_nvidias_gpus_alone(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(torch.backends.cudnn, "allow_tf32", False)
+    found = train.computed_on(torch.device("cuda"))
+    assert found["tf32"] == {"convolutions": False, "products": False}
+    assert train.computed_on(torch.device("cpu")).keys() == {"device", "threads"}
 
 
 # Some of the labyrinths of train.

@@ -14,11 +14,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.steps import softmax
 from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
 from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.training.methods.acting import softmax
-from pipeline.training.methods.method import Problem
 
 from .learner import AuthorsLearner, Settings, try_out
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from labyrinth_core.learning.learner import setting
 from labyrinth_core.world.solver import simple_routes
-from pipeline.training.methods.method import setting
 
 from . import bc, learner
 

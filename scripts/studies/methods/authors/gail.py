@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
+from labyrinth_core.learning.learner import Problem
 from labyrinth_core.policies.networks.network import ACTIONS, as_input
 from pipeline.training.methods.gail import Discriminator
-from pipeline.training.methods.method import Problem
 
 from . import bc
 from .learner import Settings

@@ -17,9 +17,9 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, play
 from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.steps import Steps, draw
 from labyrinth_core.policies.networks.network import ACTIONS
-from pipeline.training.methods.acting import Steps, draw
-from pipeline.training.methods.method import BaseSettings, Learner, setting
 
 VISITS = 5
 """An episode is cut when the agent returns to a state in which it has acted this many times."""

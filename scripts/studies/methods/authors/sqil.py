@@ -30,9 +30,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
+from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.steps import draw, roll_out, softmax
 from labyrinth_core.policies.networks.acting import outputs_of
-from pipeline.training.methods.acting import draw, roll_out, softmax
-from pipeline.training.methods.method import Problem, setting
 
 from . import learner
 from .learner import AuthorsLearner, rows_of

@@ -1,0 +1,120 @@
+"""Training examples from demonstrated episodes, as they are or relabelled.
+
+Relabelling takes any two states of an episode as start and goal: a part of a shortest route is a
+shortest route, so it demonstrates the way between its ends (hindsight: Kaelbling 1993; Andrychowicz
+et al. 2017). Where every move can be undone, the reversed part is a demonstration, too. In
+labyrinths with a door nothing is reversed, and a part is used only if it is a complete episode of
+the labyrinth with the new start and goal, from before the key to behind the door; an episode
+without such a part is used whole. The picture with the new start and goal is drawn from `info`,
+which adds nothing to what the demonstration's own pictures show.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise, permutations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.world.dynamics import Episode, State, replay
+from labyrinth_core.world.labyrinth import Labyrinth, Task
+
+NO_LABEL = -1
+
+
+class ExampleSampler:
+    """Samples training examples from the demonstrated episodes."""
+
+    def __init__(self, arrays: LabyrinthArrays) -> None:
+        """Replay the episodes of `arrays`."""
+        self._spec = arrays.spec
+        self.episodes: list[Episode] = []
+        for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
+            labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
+            self.episodes.append(replay(labyrinth, route.tolist()))
+        self.parts = [_parts(episode) for episode in self.episodes]
+        """For each episode, the index pairs of the states that can be start and goal."""
+
+    def draw(
+        self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
+    ) -> tuple[NDArray[np.uint8], NDArray[np.int64]]:
+        """Sample states of episodes, or of parts of episodes; return their pictures and labels.
+
+        Args:
+            count: The number of examples N, at least 1.
+            rng: The source of the sample.
+            relabel: Whether to take a part between two states of an episode, or all of it.
+            whole: Whether to label all cells of the part, or only the agent's. Under partial
+                observability only the agent's cell is labelled. If the agent has the key, labels
+                are the actions taken with the key, else those taken without it.
+
+        Returns:
+            The pictures, shape (N, size, size, 3), and the labels: the agent's actions, shape (N,),
+            or the actions in every cell, shape (N, height, width), rows from the top, `NO_LABEL`
+            where no action is demonstrated.
+        """
+        drawn = [self.example(rng, relabel, whole) for _ in range(count)]
+        views, labels = zip(*drawn, strict=True)
+        return self._spec.look(views), np.stack(labels)
+
+    def example(
+        self, rng: np.random.Generator, relabel: bool, whole: bool
+    ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
+        """Return a random example: a labyrinth with a state, and the label."""
+        number = rng.integers(len(self.episodes))
+        episode, parts = self.episodes[number], self.parts[number]
+        first, last, labyrinth = 0, len(episode), episode.labyrinth
+        if relabel and parts:
+            first, last = parts[rng.integers(len(parts))]
+            labyrinth = _with_ends(episode, first, last)
+        step = 1 if first < last else -1
+        agent = first + step * int(rng.integers(abs(last - first)))
+        state = episode.states[agent]
+        if not whole:
+            return (labyrinth, state), np.array(_action(episode, agent, step))
+        structure = labyrinth.structure
+        labels = np.full(structure.cells, NO_LABEL)
+        hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
+        for index in [agent] if hidden else range(first, last, step):
+            there = episode.states[index]
+            if there[1:] == state[1:]:
+                labels[there.agent] = _action(episode, index, step)
+        rows = labels.reshape(structure.height, structure.width)[::-1]
+        return (labyrinth, state), rows
+
+
+def _action(episode: Episode, index: int, step: int) -> int:
+    """Return the action in a state of an episode, or for `step` -1 the one that undoes the last."""
+    return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
+
+
+def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
+    start, goal = episode.states[first].agent, episode.states[last].agent
+    return replace(episode.labyrinth, start=start, goal=goal)
+
+
+def _parts(episode: Episode) -> list[tuple[int, int]]:
+    """Return the index pairs of the states that can be start and goal of an example."""
+    pairs = permutations(range(len(episode) + 1), 2)
+    if episode.labyrinth.door is None:
+        cells = [state.agent for state in episode.states]
+        bumps = any(cell == after for cell, after in pairwise(cells))  # They cannot be undone.
+        return [
+            (first, last)
+            for first, last in pairs
+            if cells[first] != cells[last]
+            and episode.labyrinth.ice.isdisjoint((cells[first], cells[last]))
+            and not (bumps and first > last)
+        ]
+    return [pair for pair in pairs if pair[0] < pair[1] and _is_episode(episode, *pair)]
+
+
+def _is_episode(episode: Episode, first: int, last: int) -> bool:
+    """Return whether a part is a complete episode of the labyrinth with the part's ends."""
+    try:
+        part = replay(_with_ends(episode, first, last), episode.actions[first:last].tolist())
+    except ValueError:
+        return False
+    return part.states == episode.states[first : last + 1]

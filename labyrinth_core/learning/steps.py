@@ -1,0 +1,155 @@
+"""Transitions between numbered states, from a dataset's episodes and from rollouts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.load import load_episodes
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
+from labyrinth_core.policies.networks.network import MOMENTUM, double
+
+SETTLED_BY = 256
+"""The batch size of `settle`, on which the statistics depend."""
+
+
+class Steps(NamedTuple):
+    """N transitions; states are numbered as in `LabyrinthArrays`."""
+
+    states: NDArray[np.int64]
+    """The state acted in, shape (N,)."""
+    actions: NDArray[np.int64]
+    """The action taken, shape (N,)."""
+    next_states: NDArray[np.int64]
+    """The state that the action led to, shape (N,)."""
+
+
+class Rollout(NamedTuple):
+    """T steps of N agents that sample their actions, each array of shape (T, N)."""
+
+    states: NDArray[np.int64]
+    actions: NDArray[np.int64]
+    next_states: NDArray[np.int64]
+    """The state that the action led to; after the last step of an episode, a new one begins."""
+    over: NDArray[np.bool_]
+    """Whether the step was the last of its episode: terminated, or truncated at the step limit."""
+    done: NDArray[np.bool_]
+    """Whether the step terminated the episode, on the goal or on ice."""
+
+    @property
+    def transitions(self) -> NDArray[np.int64]:
+        """The steps as rows (s, a, s'), shape (T * N, 3)."""
+        return np.stack([self.states, self.actions, self.next_states], axis=2).reshape(-1, 3)
+
+
+def load_steps(
+    source: str | Path,
+    config: str,
+    split: str,
+    arrays: LabyrinthArrays,
+    *,
+    revision: str | None = None,
+    labyrinths: int | None = None,
+) -> Steps:
+    """Return the transitions of all episodes of a split, in order.
+
+    Args:
+        source: Folder with the dataset, or its id on the Hub.
+        config: Such as `5x5`.
+        split: `train`, or another split of the labyrinths in `arrays`, such as `random`.
+        arrays: The labyrinths, with their states numbered.
+        revision: Branch, tag or commit on the Hub.
+        labyrinths: Load only the first N labyrinths; None for all.
+
+    Raises:
+        DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
+    """
+    known = set(arrays.labyrinth_ids.tolist())
+    found = []
+    for episode in load_episodes(
+        source,
+        config,
+        split=split,
+        observation="vector",
+        revision=revision,
+        labyrinths=labyrinths,
+    ):
+        if episode.labyrinth_id not in known:
+            raise DatasetError(
+                f"split={split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
+            )
+        states = [number_of(first_place(episode), arrays.places)]
+        for action in episode.actions.tolist():
+            states.append(int(arrays.next_state[states[-1], action]))
+        found.append((np.array(states[:-1]), episode.actions, np.array(states[1:])))
+    return Steps(*map(np.concatenate, zip(*found, strict=True)))
+
+
+def softmax(scores: Tensor) -> NDArray[np.float64]:
+    """Return the softmax of each row, shape (S, 4), in float64 so that the rows sum to 1."""
+    table: NDArray[np.float64] = torch.softmax(double(scores), 1).cpu().numpy()
+    return table
+
+
+def settle(network: nn.Module, observations: Tensor) -> None:
+    """Compute batch normalisation's running statistics, and switch to evaluation mode.
+
+    For methods that train in evaluation mode, where the statistics of a fresh network would keep
+    their initial values. The observations are on the network's device.
+    """
+    normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
+    for layer in normalising:
+        layer.reset_running_stats()
+        layer.momentum = None  # The mean over all batches, weighted equally.
+    network.train()
+    with torch.no_grad():
+        for batch in observations.split(SETTLED_BY):
+            network(batch)
+    for layer in normalising:
+        layer.momentum = MOMENTUM
+    network.eval()
+
+
+def draw(probabilities: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.int64]:
+    """Sample a class from each row of probabilities, and return them, shape (N,)."""
+    below = np.cumsum(probabilities[:, :-1], axis=1) <= rng.random((len(probabilities), 1))
+    drawn: NDArray[np.int64] = below.sum(axis=1)
+    return drawn
+
+
+def roll_out(
+    arrays: LabyrinthArrays,
+    probabilities: NDArray[np.float64],
+    where: NDArray[np.int64],
+    taken: NDArray[np.int64],
+    steps: int,
+    rng: np.random.Generator,
+) -> Rollout:
+    """Roll out a policy with one agent per labyrinth; a finished episode is followed by a new one.
+
+    Args:
+        arrays: The labyrinths.
+        probabilities: The probability of each action in each state, shape (S, 4).
+        where: The current state of each agent, shape (L,); changed in place.
+        taken: The number of steps in each agent's current episode, shape (L,); changed in place.
+        steps: The number of steps that each agent takes.
+        rng: The source of the actions.
+    """
+    rows = []
+    for _ in range(steps):
+        states = where.copy()
+        actions = draw(probabilities[states], rng)
+        after = arrays.next_state[states, actions]
+        done = arrays.done[states, actions]
+        taken += 1
+        over = done | (taken >= arrays.step_limit)
+        where[:] = np.where(over, arrays.initial, after)
+        taken[over] = 0
+        rows.append(Rollout(states, actions, after, over, done))
+    return Rollout(*map(np.stack, zip(*rows, strict=True)))

@@ -1,0 +1,74 @@
+"""`read_run` reads the record of a finished run, `run.json`, for everything that opens a run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
+from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
+from labyrinth_core.policies.spec import POLICY, RECORD
+
+FORMAT = 1
+
+_CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
+_LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
+_SHAPE = {
+    "format": FORMAT,
+    "run": {
+        "method": Text(r"\w[\w.:-]*"),
+        "observation": Text("image|vector"),
+        **taken(RUN, (*_CHOSEN, *_LEARNT_FROM)),
+    },
+    **TRAINING,
+    "history": Each({"epoch": COUNT}),
+    "files": {POLICY: Text("[0-9a-f]{64}")},
+}
+
+
+def read_run(folder: Path) -> dict[str, Any] | None:
+    """Return the content of `run.json`, or None if the folder holds no finished run.
+
+    The file is compared with its hash in the folder's `SHA256SUMS`, if that lists it, and the
+    weights with their hash in `run.json`.
+
+    Raises:
+        DatasetError: One of the two files is damaged, or `run.json` has another form.
+    """
+    path, weights = folder / RECORD, folder / POLICY
+    again = "stages=train makes it again"
+    try:
+        listed = _listed(folder / "SHA256SUMS", RECORD)
+        if listed and file_sha256(path) not in listed:
+            told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
+            raise DatasetError(f"{told}; {again}")
+        content = read_json(path)
+        check_shape(content, _SHAPE)
+        rows, selected = content["history"], content["selected"]
+        if len(rows) != content["epochs"] or selected not in rows:
+            told = f"{len(rows)} in its history, of which epoch {selected['epoch']} is selected"
+            raise ValueError(f"it has {content['epochs']} epochs, but {told}")
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError, RecursionError) as error:
+        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
+    try:
+        found = file_sha256(weights)
+    except FileNotFoundError as error:
+        raise DatasetError(f"{weights} does not exist: stages=train makes it") from error
+    if found != content["files"][POLICY]:
+        told = f"{weights} is damaged: its sha256 is not the one in {RECORD}"
+        raise DatasetError(f"{told}; {again}")
+    return dict(content)
+
+
+def _listed(sums: Path, name: str) -> list[str]:
+    """Return the hashes of a file in a list of hashes, which need not exist."""
+    try:
+        text = sums.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    return re.findall(rf"^([0-9a-f]{{64}})  {re.escape(name)}$", text, re.MULTILINE)

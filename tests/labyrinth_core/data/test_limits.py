@@ -1,0 +1,281 @@
+"""Files of strangers that claim more than they hold: the memory that reading them takes.
+
+Each is read in a process that may not take more memory than the limit.
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from making import Run
+
+from labyrinth_core import DatasetError, load_transitions
+from labyrinth_core.data.dataset import Part
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
+from labyrinth_core.data.rows import footer_problem, open_shard
+from labyrinth_core.data.storage import file_sha256
+from pipeline.generation.table import arrow_schema
+
+MOST = 700 << 20
+"""Bytes of memory beyond those of the libraries."""
+
+PROGRAM = """
+import resource, sys
+import numpy, pyarrow, pyarrow.acero, pyarrow.compute as pc, pyarrow.dataset, pyarrow.parquet
+import labyrinth_core
+from labyrinth_core import (
+    load_arrays, load_episodes, load_transitions, stream_episodes, stream_transitions
+)
+from labyrinth_core.data.errors import DatasetError
+from pipeline.generation.check import validate
+from pipeline.generation.table import structures_in
+from labyrinth_core.data.manifest import Manifest
+
+where, most = sys.argv[1], int(sys.argv[2])
+pyarrow.set_cpu_count(1)  # Each thread reserves addresses that it does not use.
+status = open("/proc/self/status").read()
+held = int(status.partition("VmSize:")[2].split()[0]) << 10
+resource.setrlimit(resource.RLIMIT_AS, (held + most,) * 2)
+moves = pc.field("moves") > 0
+task = pc.field("task") == "navigation"
+vector = {"observation": "vector"}
+WAYS = {
+    "pictures": lambda: load_transitions(where, "3x3", cache_dir=False),
+    "vectors": lambda: load_transitions(where, "3x3", **vector),
+    "some": lambda: load_transitions(where, "3x3", cache_dir=False, labyrinths=1),
+    "where": lambda: load_transitions(where, "3x3", cache_dir=False, where=moves & task),
+    "episodes": lambda: sum(1 for _ in load_episodes(where, "3x3")),
+    "stream": lambda: sum(1 for _ in stream_transitions(where, "3x3")),
+    "shuffled": lambda: sum(1 for _ in stream_episodes(where, "3x3", shuffle=True, **vector)),
+    "some of a stream": lambda: sum(1 for _ in stream_transitions(where, "3x3", where=moves)),
+    "arrays": lambda: load_arrays(where, "3x3", "train"),
+    "validate": lambda: print(validate(path, Manifest.read(path))),
+    "structures": lambda: structures_in(path, Manifest.read(path)),
+}
+import pathlib
+path = pathlib.Path(where, "3x3")
+for name, way in WAYS.items():
+    try:
+        way()
+    except DatasetError as error:
+        assert "\\n" not in str(error), error
+        print(name, error)
+    else:
+        print(name, "is read")
+"""
+
+
+def outcome(folder: Path) -> str:
+    """Return what reading a dataset in every way prints, with little memory."""
+    command = [sys.executable, "-c", PROGRAM, str(folder), str(MOST)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return done.stdout
+
+
+@pytest.fixture
+def folder(small_dataset: Run, tmp_path: Path) -> Path:
+    """A copy of a small dataset."""
+    return Path(shutil.copytree(small_dataset.data_dir, tmp_path / "copy")) / "3x3"
+
+
+def claim(folder: Path, **values: Any) -> None:
+    """Make the manifest say other things of the shard of train."""
+    content = json.loads((folder / MANIFEST).read_bytes())
+    content["shards"][0] |= values
+    (folder / MANIFEST).write_text(json.dumps(content))
+
+
+def pad(path: Path, count: int) -> None:
+    """Put bytes between the pages and the footer of a Parquet file."""
+    raw = path.read_bytes()
+    end = len(raw) - 8 - int.from_bytes(raw[-8:-4], "little")
+    path.write_bytes(raw[:end] + bytes(count) + raw[end:])
+
+
+def put_shard(folder: Path, columns: dict[str, Any], padding: int = 0, **options: Any) -> None:
+    """Write the shard of train, and a manifest that agrees."""
+    path = folder / "train-00000-of-00001.parquet"
+    table = pa.table(columns)
+    pq.write_table(table, path, compression="zstd", store_schema=False, **options)
+    pad(path, padding)
+    made = {"rows": len(table), "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    claim(folder, **made)
+
+
+def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> None:
+    """Write a table of `count` labyrinths of train, and a manifest that agrees as it can."""
+    schema = arrow_schema(TABLE_COLUMNS)
+    usual = {"split": "train", "task": "navigation", "first_row": 0}
+
+    def column(field: pa.Field) -> pa.Array:
+        value = usual.get(field.name, "0" * 16 if field.type == pa.string() else 1)
+        return columns.get(field.name, pa.repeat(pa.scalar(value, field.type), count))
+
+    path = folder / TABLE
+    table = pa.table({field.name: column(field) for field in schema})
+    pq.write_table(table, path, compression="zstd", store_schema=False)
+    pad(path, padding)
+    manifest = Manifest.read(folder)
+    train = [shard for shard in manifest.shards if shard.split == "train"]
+    shards = tuple(replace(shard, labyrinths=count) for shard in train)
+    made = TableFile(path.stat().st_size, file_sha256(path))
+    replace(manifest, shards=shards, labyrinths=made).write(folder)
+
+
+def rows(count: int, picture: bytes = b"", text: str = "") -> dict[str, Any]:
+    """Return the columns of a shard whose rows all have one picture and one text, stored once."""
+    first = np.zeros(count, np.int32)
+    pictures = pa.DictionaryArray.from_arrays(first, pa.array([picture], pa.binary()))
+    return {
+        "obs": pa.StructArray.from_arrays(
+            [pictures, pa.nulls(count, pa.string())], ["bytes", "path"]
+        ),
+        "actions": pa.array(first, pa.int64()),
+        "rewards": pa.array(first, pa.float32()),
+        "episode_starts": pa.repeat(False, count),
+        "info": pa.DictionaryArray.from_arrays(first, pa.array([text], pa.string())),
+    }
+
+
+TRAIN = "train-00000-of-00001.parquet"
+PICTURE = bytes(400_000)
+
+
+def shares(count: int) -> dict[str, Any]:
+    """Return columns whose pictures begin alike; each but the first is stored as that length."""
+    pictures = pa.array([bytes(20_000)] * count, pa.binary())
+    obs = pa.StructArray.from_arrays([pictures, pa.nulls(count, pa.string())], ["bytes", "path"])
+    return rows(count) | {"obs": obs}
+
+
+def long_text(name: str) -> Callable[[Path], None]:
+    text = pa.DictionaryArray.from_arrays(np.zeros(4096, np.int32), pa.array(["x" * 900_000]))
+    return lambda folder: put_table(folder, 4096, padding=4096, **{name: text})
+
+
+FILES = {
+    "a picture in many rows": (
+        lambda folder: put_shard(folder, rows(4096, PICTURE), padding=4096),
+        ("stream row 0 episode_starts: False", "vectors row 0 episode_starts: False"),
+    ),
+    "a text in many rows": (
+        lambda folder: put_shard(folder, rows(4096, b"", "x" * 8_000_000), padding=4096),
+        ("vectors row 0 episode_starts: False",),
+    ),
+    "long texts in many row groups": (
+        lambda folder: put_shard(
+            folder, rows(8_000, b"", "x" * 8_000_000), padding=8_000, row_group_size=100
+        ),
+        ("vectors row 0 episode_starts: False",),
+    ),
+    "a longer text than any": (
+        lambda folder: put_shard(folder, rows(99, b"", "x" * 20_000_000)),
+        (f"{TRAIN} is damaged: a row group has 20", "bytes of texts, more than 16777216"),
+    ),
+    "pictures that begin alike": (
+        lambda folder: put_shard(
+            folder,
+            shares(9_000),
+            padding=9_000,
+            use_dictionary=False,
+            column_encoding={"obs.bytes": "DELTA_BYTE_ARRAY"},
+        ),
+        (f"{TRAIN} cannot be read: Not yet implemented",),
+    ),
+    "more rows than bytes": (
+        lambda folder: put_shard(folder, rows(40_000)),
+        (f"manifest.json cannot be read: {TRAIN} has 40000 rows in ",),
+    ),
+    "3e9 rows": (
+        lambda folder: claim(folder, rows=3 * 10**9),
+        (f"{TRAIN} has 3000000000 rows in ",),
+    ),
+    "1e12 rows": (
+        lambda folder: claim(folder, rows=10**12),
+        (f"{TRAIN} has 1000000000000 rows in ",),
+    ),
+    "3e9 rows and bytes": (
+        lambda folder: claim(folder, rows=3 * 10**9, bytes=3 * 10**9),
+        (
+            f"{TRAIN} is damaged: it has ",
+            "pictures /",
+        ),
+    ),
+    "1e12 rows and bytes": (
+        lambda folder: claim(folder, rows=10**12, bytes=10**12),
+        ("pictures /", f"{TRAIN} is damaged: it has "),
+    ),
+    "a table of more rows than bytes": (
+        lambda folder: put_table(folder, 400_000),
+        ("labyrinths.parquet is damaged: 400000 rows in ",),
+    ),
+    "a table of other rows than the manifest's": (
+        lambda folder: (put_table(folder, 40_000), claim(folder, labyrinths=8)),
+        ("labyrinths.parquet is damaged: 40000 rows, but the manifest has 8 labyrinths",),
+    ),
+    "a long text in a table": (
+        long_text("task"),
+        ("where labyrinths.parquet task: a text has more than 99 bytes",),
+    ),
+    "a long name of a split in a table": (
+        long_text("split"),
+        ("some labyrinths.parquet split: a text has more than 99 bytes",),
+    ),
+    "long ids in a table": (
+        long_text("structure_id"),
+        ("structures labyrinths.parquet structure_id: a text has more than 99 bytes",),
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("make", "messages"), FILES.values(), ids=FILES)
+def test_a_small_file_takes_little_memory(
+    folder: Path, make: Callable[[Path], object], messages: tuple[str, ...]
+) -> None:
+    make(folder)
+    printed = outcome(folder.parent)
+    for message in messages:
+        assert message in printed
+
+
+@pytest.mark.slow
+def test_a_sound_dataset_is_read_within_the_same_limit(folder: Path) -> None:
+    lines = outcome(folder.parent).splitlines()
+    assert [line for line in lines if not line.endswith("is read")] == ["[]"]
+
+
+def test_rows_that_a_footer_hides_are_counted(folder: Path) -> None:
+    # Its number of rows is one field, and those of its row groups are others.
+    path = folder / TRAIN
+    with open_shard(path) as file:
+        footer = file.metadata
+        counted = SimpleNamespace(num_rows=7, num_row_groups=1, row_group=footer.row_group)
+        rows = footer.num_rows
+        assert footer_problem(file, rows) is None
+        message = f"rows {rows}, but the manifest says {rows + 1}"
+        assert footer_problem(file, rows + 1) == message
+        assert footer_problem(SimpleNamespace(metadata=counted), 7) is not None
+
+
+def test_pictures_that_no_memory_can_hold_are_refused_in_one_line(
+    small_dataset: Run, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Part, "__len__", lambda _: 10**12)
+    message = r"\A1,000,000,000,000 pictures of 64 x 64 pixels take 12,288,000.0 GB, [^\n]+\Z"
+    with pytest.raises(DatasetError, match=message):
+        load_transitions(small_dataset.data_dir, "3x3", cache_dir=False)
