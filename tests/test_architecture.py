@@ -48,6 +48,7 @@ ROOMS = {
     "pipeline.training": WING,
     "pipeline.evaluation": (*WING, "pipeline.training"),  # It judges the policies of runs, too.
     "pipeline.results": WING,
+    "pipeline.certify": WING,
     "pipeline.export": WING,
     "pipeline.season": (*WING, "pipeline.generation"),  # It makes tests of its own, and keeps none.
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
@@ -68,7 +69,7 @@ HOMES = {
     ),
     "datasets": (
         "pipeline.generation",
-        "pipeline.inspection.analyse",
+        "pipeline.certify.labyrinths",
         "pipeline.release.verify",
         "pipeline.export",
     ),

@@ -56,6 +56,7 @@ class Certificate(Figures):
             "environment": self.environment,
             "arguments": dict(self.arguments),
             "versions": dict(self.versions),
+            "state_function": self.state_function,
             "checked": self.checked,
             "notes": [*self.notes],
             "measures": {name: _share(share) for name, share in self.measures.items()},

@@ -100,8 +100,6 @@ def certify(
     arguments: dict[str, Any] = {"environment": maker.name}
     arguments |= {split: text_of(of_split) for split, of_split in seeds.items()}
     arguments |= {"probes": probes, "steps": steps} | ({"fresh": True} if fresh else {})
-    if named_state is not None:
-        arguments["state"] = named_state[0]
     protocol = Protocol(maker, sequences or (), named_state and named_state[1], fresh)
     job = _Job(protocol, workers, progress)
     tried = [seed for of_split in seeds.values() for seed in _evenly(of_split, CHECKED // 2)]
@@ -147,6 +145,7 @@ def certify(
         "in a fresh one, and in new interpreters"
         + ("; nothing differs" if not check.reasons and not check.notes else ""),
         notes=tuple(notes),
+        state_function=named_state[0] if named_state else "",
         spread=None if "first" in reasons else ranges.spread(),
         memory=memory,
     )

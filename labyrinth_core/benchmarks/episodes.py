@@ -144,4 +144,5 @@ def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> An
 
 def state_function(env: Any, state: StateOf | None) -> tuple[str, StateOf] | None:
     """Return the state function to use and its name; None if there is none."""
-    return known_state(env) if state is None else ("state", state)
+    name = getattr(state, "__qualname__", type(state).__name__)
+    return known_state(env) if state is None else (name, state)

@@ -37,6 +37,8 @@ class Figures:
     """Which seeds were played again, and how."""
     notes: tuple[str, ...] = ()
     """What limits the measures that stand."""
+    state_function: str = ""
+    """The name of the state function: minigrid, labyrinth, or that of the caller's."""
     spread: Spread | None = None
     """None if first observations are not arrays, or differ in size."""
     memory: Memory | None = None

@@ -121,6 +121,8 @@ class Levels:
 
     def __str__(self) -> str:
         levels = "level" if self.seen == 1 else "levels"
+        if self.once == self.seeds > 1:  # Chao1 would be a square of the number of seeds.
+            return f"no two of {self.seeds:,} seeds gave the same level (by {self.by})"
         return (
             f"{self.seeds:,} seeds gave {self.seen:,} {levels} (by {self.by}); "
             f"{percent(self.coverage)}% of new seeds give one of these (Good-Turing); "

@@ -15,7 +15,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 from labyrinth_core.evaluation.description import RunName
-from pipeline.config.analysis import LeakageOptions
+from pipeline.config.certify import CertifyOptions, check_certify
 from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.export import NAMESPACE, ExportOptions
@@ -52,6 +52,7 @@ STAGES = {
     "train": "pipeline.training.train",
     "evaluate": "pipeline.evaluation.evaluate",
     "results": "pipeline.results.results",
+    "certify": "pipeline.certify.stage",
     "season": "pipeline.season.season",
     "judge": "pipeline.season.judge",
     "reveal": "pipeline.season.reveal",
@@ -102,7 +103,7 @@ class PlaceOptions:
 class RunConfig(TrainingOptions, PlaceOptions, DatasetOptions):
     """All options, as they are given on a command line."""
 
-    leakage: LeakageOptions = field(default_factory=LeakageOptions)
+    certify: CertifyOptions = field(default_factory=CertifyOptions)
     publish: PublishOptions = field(default_factory=PublishOptions)
     export: ExportOptions = field(default_factory=ExportOptions)
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
@@ -114,7 +115,7 @@ SECTIONS = {
     "Where and how it is built": meanings(PlaceOptions),
     "Training, by 'stages=[train,evaluate]'": meanings(TrainingOptions),
     "Evaluation of policy=..., by stages=evaluate": meanings(EvaluationOptions, "evaluation."),
-    "Analysis, by stages=analyse": meanings(LeakageOptions, "leakage."),
+    "Data from elsewhere, by stages=certify": meanings(CertifyOptions, "certify."),
     "Publishing, by stages=publish": meanings(PublishOptions, "publish."),
     "Export, by stages=export": meanings(ExportOptions, "export."),
     "Seasons, by stages=season, judge, reveal and verify": meanings(SeasonOptions, "season."),
@@ -220,10 +221,6 @@ def resolve(options: RunConfig) -> Run:
         options.executor_address is None or options.executor != "local",
         f"executor_address={options.executor_address}: executor=local has no address",
     )
-    check(
-        options.leakage.config is None or options.leakage.source is not None,
-        f"leakage.config={options.leakage.config}: give leakage.source, too",
-    )
     try:
         data_dir = folder_at(options.data_dir)
     except ValueError as error:
@@ -257,6 +254,8 @@ def resolve(options: RunConfig) -> Run:
             check_unnamed(options.evaluation)
     if "publish" in stages:
         check_publish(options.publish, options.export, options)
+    if "certify" in stages:
+        check_certify(options.certify)
     if "export" in stages:
         check_options(options.export, ExportOptions, "export.")
     if stages & {*SEASON_STAGES}:

@@ -19,7 +19,7 @@ COMPARE = "stages=results", "compare it with others"
 
 _OF_ONE_RUN = (
     *("stages", "overwrite", "grow", "part", "policy", "evaluation"),
-    *("leakage", "publish", "export"),
+    *("certify", "publish", "export"),
 )
 """Options, and groups of options, that the next command line does not repeat."""
 

@@ -32,6 +32,16 @@ def test_good_turing_and_chao1_are_those_computed_by_hand(digests, seen, coverag
     assert levels.coverage == pytest.approx(coverage)
 
 
+def test_levels_of_which_none_was_seen_twice_promise_no_number():
+    assert (
+        str(Levels.of("state", array([1, 2, 3])))
+        == "no two of 3 seeds gave the same level (by state)"
+    )
+    assert str(Levels.of("probes", array([1, 1]))).startswith(
+        "2 seeds gave 1 level (by probes); 100%"
+    )
+
+
 def test_wilsons_interval_is_that_of_the_literature():
     # Newcombe 1998, Statistics in Medicine 17, table I.
     assert wilson(81, 263) == pytest.approx((0.2553, 0.3662), abs=1e-4)

@@ -22,11 +22,14 @@ SPLITS = {"train": range(6), "test": range(100, 160)}
 ROW = {"split": "train", "seed": 0, "first": "aa", "probes": ["bb"], "state": None}
 
 
+def level_of(env):
+    return env.level
+
+
 @pytest.fixture
 def certificate(monkeypatch):
     monkeypatch.setattr(repeats, "_new_interpreters", lambda *_: ())
-    state = {"state": lambda env: env.level}
-    return certify(Corridor, **SPLITS, probes=1, steps=8, **state)
+    return certify(Corridor, **SPLITS, probes=1, steps=8, state=level_of)
 
 
 def test_the_json_has_all_that_is_needed_to_make_it_again(certificate, tmp_path):
@@ -34,7 +37,7 @@ def test_the_json_has_all_that_is_needed_to_make_it_again(certificate, tmp_path)
     text = (tmp_path / "one.json").read_text()
     content = json.loads(text)
     arguments = content["arguments"] | {"environment": Corridor}
-    arguments["state"] = lambda env: env.level
+    arguments["state"] = level_of
     certify(**arguments).save(tmp_path / "two.json")
     assert (tmp_path / "two.json").read_text() == text
     assert content["measures"]["probes"]["count"] == 36

@@ -1,0 +1,44 @@
+"""An analysis as text: its JSON, and the lines that name leaks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pipeline.inspection.leakage import Leakage
+
+FORMAT = 1
+"""The format of an analysis."""
+LEAKS_SHOWN = 10
+"""The maximum number of leaks or problems of one kind printed in the terminal."""
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """Return the JSON of an analysis."""
+    return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
+
+
+def leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
+    found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
+    if found:
+        yield "Leakage:"
+        yield from found
+    else:
+        yield "Leakage: no structure is in two splits, not even mirrored; none is repeated."
+    if leakage.cut:
+        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+
+def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    def named(split: str, number: str) -> str:
+        return files[split][number] if files else f"{split} {number}"
+
+    for pair in leakage.certificate.pairs:
+        mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
+        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+            for number, other in list(found.items())[:LEAKS_SHOWN]:
+                yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
+            if len(found) > LEAKS_SHOWN:
+                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
