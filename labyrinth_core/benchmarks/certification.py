@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import io
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import BrokenExecutor
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -31,6 +32,7 @@ from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
 from labyrinth_core.benchmarks.repeats import CHECKED, check_seeds
 from labyrinth_core.benchmarks.seeds import Seeds, seeds_of, text_of
 from labyrinth_core.benchmarks.spread import Ranges, chosen
+from labyrinth_core.language.source_text import printable
 
 CHUNK = 50
 """The number of seeds that are looked at in one environment."""
@@ -161,13 +163,12 @@ def _certify_records(path: Path, train: object, test: object) -> Certificate:
         raise CertifyError(f"{path}: the records name their splits: leave out train and test")
     found = read_records(path)
     versions = found.head.get("versions")
+    versions = versions if isinstance(versions, dict) else {}
     checked = f"{found.again:,} were recorded more than once"
     return Certificate(
-        environment=str(found.head.get("environment", path.name))[:200],
+        environment=printable(str(found.head.get("environment", path.name)))[:200],
         arguments={"environment": path.name},
-        versions={str(k): str(v) for k, v in versions.items()}
-        if isinstance(versions, dict)
-        else {},
+        versions={printable(str(k)): printable(str(v)) for k, v in versions.items()},
         train=found.splits["train"],
         test=found.splits["test"],
         reasons=found.reasons,
@@ -217,15 +218,19 @@ class _Job:
 
     def _results(
         self, function: Callable[[tuple[int, ...]], Any], chunks: list[tuple[int, ...]]
-    ) -> Iterable[Any]:
+    ) -> Iterator[Any]:
         workers = min(self.workers, len(chunks))
         if workers <= 1:
-            return map(function, chunks)
+            yield from map(function, chunks)
+            return
         from joblib import Parallel, delayed
 
         parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1)
-        found: Iterable[Any] = parallel(delayed(function)(chunk) for chunk in chunks)
-        return found
+        try:
+            yield from parallel(delayed(function)(chunk) for chunk in chunks)
+        except BrokenExecutor as error:
+            text = "a process was lost, perhaps for lack of memory: try fewer workers"
+            raise CertifyError(f"workers={self.workers}: {text}") from error
 
 
 def _every(function: Callable[[int], Any], seeds: tuple[int, ...]) -> list[Any]:
@@ -275,8 +280,8 @@ def _look_at(
                 reasons.setdefault(measure, text)
         ranges.join(chunk.first, chunk.low, chunk.high)
     if job.protocol.state is not None and "state" not in reasons:
-        finer = 0 if "probes" in reasons else 1
-        if text := _left_out(every, numbers[2], numbers[finer], errors):
+        finer = next((at for at in (1, 0) if MEASURES[at] not in reasons), None)
+        if finer is not None and (text := _left_out(every, numbers[2], numbers[finer], errors)):
             reasons["state"] = text
     place = {seed: at for at, seed in enumerate(every)}
     stand = [m for m in MEASURES if m not in reasons and (m != "state" or job.protocol.state)]

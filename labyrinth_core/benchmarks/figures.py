@@ -81,7 +81,7 @@ class Figures:
             return None
         new = ~np.isin(np.array(self.test.seeds), np.array(self.train.seeds))
         digests = self.train.digests[by], self.test.digests[by][new]
-        return Levels.of(by, np.concatenate(digests))
+        return Levels.of(by, np.concatenate(digests), self.unit)
 
     @cached_property
     def curves(self) -> Mapping[str, tuple[tuple[int, int], ...]]:

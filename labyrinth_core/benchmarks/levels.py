@@ -87,20 +87,21 @@ class Levels:
     by: str
     """The measure by which two levels are the same: state, probes or first."""
     seeds: int
-    """The number of different seeds."""
+    """The number of different seeds, or of episodes of a dataset."""
     seen: int
     """The number of different levels."""
     once: int
     """The number of levels that one seed gave."""
     twice: int
     """The number of levels that two seeds gave."""
+    unit: str = "seed"
 
     @classmethod
-    def of(cls, by: str, digests: Digests) -> Levels:
-        """Return the levels of different seeds."""
+    def of(cls, by: str, digests: Digests, unit: str = "seed") -> Levels:
+        """Return the levels of different seeds, or of episodes."""
         _, counts = np.unique(digests, return_counts=True)
         seen, once, twice = len(counts), int((counts == 1).sum()), int((counts == 2).sum())
-        return cls(by, len(digests), seen, once, twice)
+        return cls(by, len(digests), seen, once, twice, unit)
 
     @property
     def coverage(self) -> float:
@@ -122,9 +123,9 @@ class Levels:
     def __str__(self) -> str:
         levels = "level" if self.seen == 1 else "levels"
         if self.once == self.seeds > 1:  # Chao1 would be a square of the number of seeds.
-            return f"no two of {self.seeds:,} seeds gave the same level (by {self.by})"
+            return f"no two of {self.seeds:,} {self.unit}s gave the same level (by {self.by})"
         return (
-            f"{self.seeds:,} seeds gave {self.seen:,} {levels} (by {self.by}); "
-            f"{percent(self.coverage)}% of new seeds give one of these (Good-Turing); "
+            f"{self.seeds:,} {self.unit}s gave {self.seen:,} {levels} (by {self.by}); "
+            f"{percent(self.coverage)}% of new {self.unit}s give one of these (Good-Turing); "
             f"there are at least {self.at_least:,} (Chao1)"
         )

@@ -30,6 +30,8 @@ from labyrinth_core.data.errors import one_line
 
 CHECKED = 8
 """The number of seeds that are played again."""
+EXPERIMENTS = 6
+"""The number of episodes that an experiment compares, so that none agree by chance."""
 HASH_SEEDS = ("1", "2", "3")
 """The values of PYTHONHASHSEED in new interpreters."""
 CLOCKS = ("time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_counter_ns")
@@ -188,29 +190,27 @@ def _cause(protocol: Protocol, seed: int, place: str) -> str:
     """Return the likely reason why a seed gives another episode, found by experiments."""
     stage = Stage(protocol)
 
-    def agree(prepare: Callable[[], Any] = contextlib.nullcontext) -> bool:
-        """Return whether two episodes agree, each of which begins in the same circumstances."""
+    def agree(prepare: Callable[[], Any], *, fresh: bool) -> bool:
+        """Return whether episodes agree, each of which begins in the same circumstances."""
         found = []
-        for _ in range(2):
+        for _ in range(EXPERIMENTS):
             with prepare():
-                found.append(
-                    trace(protocol, stage, seed) if place == AGAIN else trace_fresh(protocol, seed)
-                )
-        return not list(differences(*found))
+                found.append(trace_fresh(protocol, seed) if fresh else trace(protocol, stage, seed))
+        return all(not list(differences(found[0], other)) for other in found[1:])
 
+    fresh = place == FRESH
     try:
         trace(protocol, stage, seed)  # The first episode of an environment may be another.
-        if agree(_seeded_globally):
-            if not agree():
+        if not agree(contextlib.nullcontext, fresh=fresh):
+            if agree(_seeded_globally, fresh=fresh):
                 return "it draws from the global random state of `random` or `numpy.random`"
-        elif agree(_at_a_fixed_time):
-            return "it reads a clock"
+            if agree(_at_a_fixed_time, fresh=fresh):
+                return "it reads a clock"
     finally:
         stage.close()
-    if place == FRESH:
+    if fresh:
         return "its levels are fixed when the environment is made, and not by the seed"
-    one, other = trace_fresh(protocol, seed), trace_fresh(protocol, seed)
-    if not list(differences(one, other)):
+    if agree(contextlib.nullcontext, fresh=True):
         return "its levels depend on what was played before in the same environment"
     return "it ignores the seed, or not all of its randomness follows the seed"
 

@@ -174,6 +174,21 @@ def test_two_processes_and_another_chunk_give_the_same_certificate(monkeypatch):
     assert json.dumps(one.to_json()) == json.dumps(two.to_json()) == json.dumps(other.to_json())
 
 
+@pytest.mark.slow
+def test_a_process_that_is_lost_is_told_in_one_line():
+    job = certification._Job(None, workers=2, progress=False)
+    with pytest.raises(CertifyError, match="workers=2: a process was lost"):
+        list(job.map(lambda _: os._exit(1), range(100), "seeds"))
+
+
+@pytest.mark.usefixtures("one_interpreter")
+def test_a_state_stands_where_nothing_that_is_seen_repeats():
+    found = quick(deceiving.Clock, range(5), range(5, 15), state=lambda env: env.level)
+    assert found.first is found.probes is None
+    assert found.state.count == 5
+    assert found.disjoint() == [5, 6, 7, 8, 9]
+
+
 @pytest.mark.usefixtures("one_interpreter")
 def test_the_certificate_of_labyrinths_agrees_with_their_texts():
     name = "labyrinth_core.env:Labyrinth-v0"
