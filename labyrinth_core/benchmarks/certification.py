@@ -25,7 +25,7 @@ from labyrinth_core.benchmarks.episodes import (
     state_function,
 )
 from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import Maker, StateOf, is_nondeterministic, versions_of
+from labyrinth_core.benchmarks.making import Maker, StateOf, close, is_nondeterministic, versions_of
 from labyrinth_core.benchmarks.memory import Policy, measure_memory
 from labyrinth_core.benchmarks.minari_dataset import PREFIX, certify_minari
 from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
@@ -98,7 +98,7 @@ def certify(
         sequences = action_sequences(env, probes, steps, actions)
         says_random, space = is_nondeterministic(env), getattr(env, "action_space", None)
     finally:
-        getattr(env, "close", lambda: None)()
+        close(env)
     arguments: dict[str, Any] = {"environment": maker.name}
     arguments |= {split: text_of(of_split) for split, of_split in seeds.items()}
     arguments |= {"probes": probes, "steps": steps} | ({"fresh": True} if fresh else {})
@@ -143,9 +143,8 @@ def certify(
         train=splits["train"],
         test=splits["test"],
         reasons=reasons,
-        checked=f"{check.seeds} were played again: in the same environment after other episodes, "
-        "in a fresh one, and in new interpreters"
-        + ("; nothing differs" if not check.reasons and not check.notes else ""),
+        checked=f"{check.seeds} were played again: {', '.join(check.places)}"
+        + ("" if check.reasons or check.notes else "; nothing differs"),
         notes=tuple(notes),
         state_function=named_state[0] if named_state else "",
         spread=None if "first" in reasons else ranges.spread(),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import copy
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -12,7 +11,7 @@ import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest, encode
 from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import Maker, StateOf, known_state
+from labyrinth_core.benchmarks.making import FAILURES, Maker, StateOf, close, known_state
 from labyrinth_core.data.errors import one_line
 
 Draw = Callable[[np.random.Generator], Any]
@@ -75,8 +74,7 @@ class Stage:
     def close(self) -> None:
         """Close the environment; the next one is new."""
         env, self.env = self.env, None
-        with contextlib.suppress(Exception):  # Code of others, of which nothing is read any more.
-            getattr(env, "close", lambda: None)()
+        close(env)
 
 
 class Seen(NamedTuple):
@@ -117,7 +115,7 @@ def look(protocol: Protocol, stage: Stage, seed: int, each: Callable[[Any], None
                 state = encode(protocol.state(stage.env))
     except CertifyError:
         raise
-    except Exception as error:  # Code of others.
+    except FAILURES as error:
         stage.close()
         return Seen(seed, error=f"{type(error).__name__}: {one_line(error):.200}")
     return Seen(seed, digest(first), digest(*parts), digest(state), steady)

@@ -121,11 +121,13 @@ class Levels:
         return self.seen + self.once * (self.once - 1) // (2 * (self.twice + 1))
 
     def __str__(self) -> str:
-        levels = "level" if self.seen == 1 else "levels"
         if self.once == self.seeds > 1:  # Chao1 would be a square of the number of seeds.
             return f"no two of {self.seeds:,} {self.unit}s gave the same level (by {self.by})"
+        if self.seen == 1 < self.seeds:
+            same = f"all {self.seeds:,} {self.unit}s gave the same level (by {self.by})"
+            return f"{same}: the {self.unit} changes nothing that is seen"
         return (
-            f"{self.seeds:,} {self.unit}s gave {self.seen:,} {levels} (by {self.by}); "
+            f"{self.seeds:,} {self.unit}s gave {self.seen:,} levels (by {self.by}); "
             f"{percent(self.coverage)}% of new {self.unit}s give one of these (Good-Turing); "
             f"there are at least {self.at_least:,} (Chao1)"
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
@@ -13,6 +14,9 @@ from labyrinth_core.data.errors import one_line
 
 StateOf = Callable[[Any], Any]
 """Environment -> everything that determines how its episode goes on, as `encode` takes it."""
+
+FAILURES = (Exception, SystemExit)
+"""What the code of others may raise, which is not a failure of ours."""
 
 REGISTERED_BY = (("MiniGrid-", "minigrid"), ("BabyAI-", "minigrid"), ("ALE/", "ale_py"))
 """How ids begin, and the package to import, which registers them."""
@@ -72,9 +76,15 @@ class Maker:
             import gymnasium
 
             return gymnasium.make(self.source, disable_env_checker=True)
-        except Exception as error:  # Code of others.
+        except FAILURES as error:
             kind = type(error).__name__
             raise CertifyError(f"{self.name} cannot be made: {kind}: {one_line(error)}") from error
+
+
+def close(env: Any) -> None:
+    """Close an environment, of which nothing is read any more."""
+    with contextlib.suppress(*FAILURES):
+        getattr(env, "close", lambda: None)()
 
 
 def unwrapped(env: Any) -> Any:

@@ -15,6 +15,7 @@ from labyrinth_core.benchmarks.encoding import encode
 from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage
 from labyrinth_core.benchmarks.errors import CertifyError
 from labyrinth_core.benchmarks.levels import Share
+from labyrinth_core.benchmarks.making import FAILURES
 from labyrinth_core.data.errors import one_line
 
 Policy = Callable[[Any], Any]
@@ -144,7 +145,7 @@ def _play(
                 break
     except CertifyError:
         raise
-    except Exception as error:  # Code of others.
+    except FAILURES as error:
         reason = f"{type(error).__name__}: {one_line(error):.200}"
         raise CertifyError(f"seed {seed}: the environment or the policy fails: {reason}") from error
     finally:

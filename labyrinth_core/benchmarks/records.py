@@ -203,6 +203,9 @@ def parquet(head: Mapping[str, Any], rows: Sequence[Mapping[str, Any]]) -> bytes
     columns |= {"probes": pyarrow.list_(texts), "state": texts}
     schema = pyarrow.schema(columns.items(), metadata={HEAD: json.dumps(head).encode()})
     sink = pyarrow.BufferOutputStream()
-    pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows), schema), sink)
+    try:
+        pyarrow.parquet.write_table(pyarrow.Table.from_pylist(list(rows), schema), sink)
+    except OverflowError as error:
+        raise CertifyError("Parquet holds seeds below 2**63: write JSON lines instead") from error
     content: bytes = sink.getvalue().to_pybytes()
     return content

@@ -26,6 +26,7 @@ import numpy as np
 from labyrinth_core.benchmarks.encoding import leaves
 from labyrinth_core.benchmarks.episodes import Protocol, Stage
 from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.making import FAILURES
 from labyrinth_core.data.errors import one_line
 
 CHECKED = 8
@@ -40,6 +41,7 @@ CLOCKS = ("time", "time_ns", "monotonic", "monotonic_ns", "perf_counter", "perf_
 AGAIN = "in the same environment after other episodes"
 FRESH = "in a fresh environment"
 INTERPRETER = "in a new interpreter"
+UNCHECKED = f"not checked {INTERPRETER}"
 HASHES = "in a new interpreter with another PYTHONHASHSEED"
 
 Leaves = tuple[tuple[str, str], ...]
@@ -75,6 +77,8 @@ class Check:
 
     seeds: int
     """The number of seeds played again."""
+    places: Sequence[str]
+    """Where they were played again."""
     reasons: dict[str, str]
     """Measure that cannot stand -> the reason."""
     notes: tuple[str, ...]
@@ -107,8 +111,13 @@ def check_seeds(protocol: Protocol, seeds: Sequence[int]) -> Check:
         for measure, seed, text in _spoiled(first, others):
             cause = _cause(protocol, seed, place)
             reasons.setdefault(measure, f"{cause}: {place}, {text}")
-    notes = _new_interpreters(protocol, seeds, once, reasons) if not reasons else ()
-    return Check(len(usable), reasons, notes)
+    places = [AGAIN, FRESH]
+    notes: tuple[str, ...] = ()
+    if not reasons:
+        notes = _new_interpreters(protocol, seeds, once, reasons)
+        if not any(note.startswith(UNCHECKED) for note in notes):
+            places.append("in new interpreters")
+    return Check(len(usable), places, reasons, notes)
 
 
 def opening(found: Trace, of: int | None = None) -> tuple[tuple[int, int, Leaves], ...]:
@@ -133,7 +142,7 @@ def trace(protocol: Protocol, stage: Stage, seed: int) -> Trace:
                     state = tuple(leaves(protocol.state(stage.env), "state"))
     except CertifyError:
         raise
-    except Exception as error:  # Code of others.
+    except FAILURES as error:
         probe, step = steps[-1][:2] if steps else (0, -1)
         text = f"{type(error).__name__}: {one_line(error):.200}"
         steps.append((probe, step + 1, (("error", text),)))
@@ -255,7 +264,7 @@ def _new_interpreters(
             return ()
         (repeated,) = _in_new_interpreters(protocol, seeds, values[:1])
     except CertifyError as error:
-        return (f"not checked {INTERPRETER}: {error}",)
+        return (f"{UNCHECKED}: {error}",)
     by_hash = same == repeated and any(same != other for other in others)
     place, cause = INTERPRETER, "it depends on the process"
     if by_hash:

@@ -61,7 +61,7 @@ def rows(certificate: Figures) -> Iterator[tuple[str, str]]:
         yield (
             "spread",
             f"two first observations are {100 * spread.share:.2g}% of a value's range apart "
-            f"({spread.seeds:,} seeds, {spread.values:,} values that change)",
+            f"(of {spread.seeds:,} seeds; number of values that change: {spread.values:,})",
         )
     if (memory := certificate.memory) is not None:
         yield "memory", f"solves {memory.memory}; {memory.known} begin like a demonstration"

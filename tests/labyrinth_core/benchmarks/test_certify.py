@@ -37,6 +37,7 @@ def test_an_environment_that_deceives_gets_the_right_word_and_no_wrong_share(dec
         assert all(reason.startswith(TWELVE[deceiver]) for reason in found.reasons.values())
         assert TWELVE[deceiver] in str(found)
         assert "cannot be given" in found.sentence
+        assert ("in new interpreters" in found.checked) == (deceiver is HashSeed)
         with pytest.raises(CertifyError, match="no level can be told from another"):
             found.disjoint()
         return
@@ -283,6 +284,19 @@ def test_an_interface_that_is_not_gymnasiums_is_refused_with_the_way_to_record_i
 
     with pytest.raises(CertifyError, match=r"returns ndarray.*examples/record_levels.py"):
         quick(Old, range(3), range(3, 6))
+
+
+@pytest.mark.usefixtures("one_interpreter")
+def test_an_environment_that_exits_or_cannot_be_closed_fails_at_that_seed_alone():
+    class Ends(Corridor):
+        def level_of(self, seed):
+            return seed % 10 if seed != 103 else sys.exit("too hard")
+
+        def close(self):
+            raise RuntimeError("closed already")
+
+    found = quick(Ends, range(5), range(100, 130))
+    assert found.test.failed == ((103, "SystemExit: too hard"),)
 
 
 @pytest.mark.usefixtures("one_interpreter")

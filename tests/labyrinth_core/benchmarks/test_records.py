@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import runpy
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -119,6 +120,14 @@ def test_a_state_is_recorded_before_the_first_step(tmp_path):
     path = tmp_path / "records.jsonl"
     record(path, lambda _: Corridor(), SPLITS, [[1] * 3], state=lambda env: [env.level, env.steps])
     assert certify(path).state.count == 36
+
+
+def test_seeds_of_any_size_are_written_as_json_lines_alone(certificate, tmp_path):
+    large = replace(certificate, train=replace(certificate.train, seeds=(*range(5), 10**25)))
+    large.save(tmp_path / "large.jsonl")
+    assert certify(tmp_path / "large.jsonl").train.seeds == large.train.seeds
+    with pytest.raises(CertifyError, match="Parquet holds seeds below"):
+        large.save(tmp_path / "large.parquet")
 
 
 def test_seeds_that_were_recorded_differently_are_refused(tmp_path):
