@@ -37,7 +37,8 @@ def _probes(certificate: Figures) -> str:
     asked = certificate.arguments
     if "probes" not in asked:
         return "the recorded probes"
-    return f"{asked['probes']} random action sequences of {asked['steps']} steps"
+    sequences = f"{asked['probes']} random action sequence{'' if asked['probes'] == 1 else 's'}"
+    return f"{sequences} of {asked['steps']} step{'' if asked['steps'] == 1 else 's'}"
 
 
 def _split(certificate: Figures, name: str) -> str:
