@@ -115,6 +115,21 @@ def test_a_seed_that_changes_after_the_check_is_found():
 
 
 @pytest.mark.usefixtures("one_interpreter")
+def test_one_seed_that_a_second_reset_changes_is_found_wherever_it_is():
+    class Fickle(Corridor):
+        resets = 0
+
+        def level_of(self, seed):
+            self.resets += seed == 14
+            return seed % 10 + self.resets % 2
+
+    found = quick(Fickle, range(40), range(40, 80))
+    assert found.measures == {}
+    text = "seed 14 gave another first observation when reset again"
+    assert found.reasons == {"first": text, "probes": text}
+
+
+@pytest.mark.usefixtures("one_interpreter")
 def test_a_fresh_environment_for_each_episode_answers_for_one_that_counts_its_resets():
     found = quick(deceiving.SecondReset, range(5), range(5, 15), fresh=True)
     assert found.reasons == {}
