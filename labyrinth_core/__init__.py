@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from labyrinth_core.version import __version__ as __version__
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
+    from labyrinth_core.benchmarks.certification import certify as certify
     from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.load import load_episodes as load_episodes
     from labyrinth_core.data.load import load_transitions as load_transitions
@@ -50,6 +51,7 @@ _HOMES = {
     "PolicyError": "evaluation.answers",
     "Structure": "world.labyrinth",
     "Task": "world.labyrinth",
+    "certify": "benchmarks.certification",
     "compare": "evaluation.compare",
     "dump": "language.text",
     "evaluate": "evaluation.evaluate",

@@ -41,6 +41,7 @@ ROOMS = {
     "labyrinth_core.evaluation": of_library("world", "language", "pictures", "data"),
     "labyrinth_core.policies": of_library("world", "language", "pictures", "data", "evaluation"),
     "labyrinth_core.learning": of_library("world", "pictures", "data", "evaluation", "policies"),
+    "labyrinth_core.benchmarks": of_library("language", "data"),
     # The command needs data to write files as all are written.
     "labyrinth_core.command": of_library("world", "language", "pictures", "data"),
     "labyrinth_core": ("labyrinth_core",),
@@ -54,6 +55,7 @@ ROOMS = {
     "pipeline.training": WING,
     "pipeline.evaluation": (*WING, "pipeline.training"),  # It judges the policies of runs, too.
     "pipeline.results": WING,
+    "pipeline.certify": WING,
     "pipeline.export": WING,
     "pipeline.season": (*WING, "pipeline.generation"),  # It makes tests of its own, and keeps none.
     "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
@@ -67,6 +69,7 @@ HOMES = {
     "omegaconf": ("pipeline.command", "pipeline.config"),
     "numpy": ("labyrinth_core", "pipeline"),
     "pyarrow": (
+        "labyrinth_core.benchmarks",
         "labyrinth_core.data",
         "pipeline.generation",
         "pipeline.questions",
@@ -74,12 +77,12 @@ HOMES = {
     ),
     "datasets": (
         "pipeline.generation",
-        "pipeline.inspection.analyse",
+        "pipeline.certify.labyrinths",
         "pipeline.release.verify",
         "pipeline.export",
     ),
     "pandas": ("pipeline.export.lerobot",),
-    "minari": ("pipeline.export.minari",),
+    "minari": ("labyrinth_core.benchmarks.minari_dataset", "pipeline.export.minari"),
     "filelock": ("labyrinth_core.data",),
     "fsspec": ("labyrinth_core.data",),
     "huggingface_hub": (
@@ -97,9 +100,10 @@ HOMES = {
         "pipeline.release",
         "pipeline.export.split",
     ),
-    "rich": ("pipeline",),
+    "rich": ("pipeline", "labyrinth_core.benchmarks.certification"),
     "yaml": ("pipeline",),
-    "joblib": ("pipeline.machinery.executor",),
+    "joblib": ("pipeline.machinery.executor", "labyrinth_core.benchmarks.certification"),
+    "cloudpickle": ("labyrinth_core.benchmarks.repeats",),
     "distributed": ("pipeline.machinery.executor",),
     "torch": (
         "labyrinth_core.policies",
@@ -109,7 +113,11 @@ HOMES = {
     ),
     "onnxruntime": ("pipeline.season.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
-    "gymnasium": ("labyrinth_core.env", "pipeline.export.minari"),
+    "gymnasium": (
+        "labyrinth_core.env",
+        "labyrinth_core.benchmarks.making",
+        "pipeline.export.minari",
+    ),
     "matplotlib": ("pipeline.training",),
     "tensorboard": ("pipeline.training.record",),
     "pygame": ("labyrinth_core.env", "labyrinth_core.command"),

@@ -17,6 +17,7 @@ WINGS = (
     "training",
     "evaluation",
     "results",
+    "certify",
     "season",
 )
 """The folders whose `options.py` declares `STAGES`."""

@@ -52,7 +52,12 @@ Build = Callable[..., Run]
         (["+buckets.foo=1"], ["buckets.foo is not an option", "buckets.train, buckets.validation"]),
         (["size=${foo}"], ["size", "foo"]),
         (['data_dir="~no-such-user/x"'], ["that user's home folder is unknown"]),
-        (["leakage.config=a"], ["leakage.config=a", "leakage.source"]),
+        (["stages=certify", "certify.config=a"], ["certify.source=: give what to certify"]),
+        (["stages=certify", "certify.source=gymnasium:A-v0"], ["certify.train=: give its seeds"]),
+        (
+            ["stages=certify", "certify.source=a.npy", "certify.test=0:9"],
+            ["certify.source=a.npy: labyrinths have splits"],
+        ),
         (["stages=[1,{a:2}]"], ["stages=", "a list of texts"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
         (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),

@@ -9,6 +9,7 @@ import numpy as np
 
 from environments.discretisation import Discretisation
 from environments.summaries import Summary
+from labyrinth_core.benchmarks.spread import manhattan_distances
 from pipeline.inspection.shift import Floats, cohens_d, holm, permutation_test
 
 PAIRS = 1_000
@@ -100,18 +101,6 @@ def measure(name: str, discretisation: Discretisation, summary: Summary, seed: i
         first_states_scaled=float((apart / unit)[changing].mean()),
         beyond=float(max(outside.max(), 0)),
     )
-
-
-def manhattan_distances(points: Floats) -> Floats:
-    """Return the distance between two points in each dimension, averaged over all pairs.
-
-    Args:
-        points: Shape (n, dimensions), n at least 2.
-    """
-    count = len(points)
-    # The i-th sorted value (from 0) is above i others and below count - 1 - i.
-    weights = 2.0 * np.arange(count) - (count - 1)
-    return np.asarray(weights @ np.sort(points, axis=0) / (count * (count - 1) / 2), np.float64)
 
 
 def corrected(results: Sequence[Variation]) -> list[Variation]:

@@ -65,13 +65,13 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     options = composed(
         *("revision=1.10", "++data_dir=2026_11", "evaluation.name=true", "size=3"),
         *("export={folder:1.10,image_size:60}", "evaluation.splits=[1.50,test]"),
-        "leakage.source=${revision}",
+        "certify.source=${revision}",
     ).options
     assert (options.revision, options.data_dir) == ("1.10", "2026_11")
     assert (options.evaluation.name, options.size, options.export.folder) == ("true", "3", "1.10")
     assert options.export.image_size == 60
     assert options.evaluation.splits == ("1.50", "test")
-    assert options.leakage.source == "1.10"
+    assert options.certify.source == "1.10"
     assert composed("revision=null").options.revision is None
 
 
@@ -129,11 +129,15 @@ def refused(argument: str) -> str:
         ("episodes", "did you mean evaluation.episodes?"),
         ("epochs", "did you mean method.epochs?"),
         ("evaluation.name.x", "did you mean evaluation.name?"),
-        ("leakage.sorce", "did you mean leakage.source?"),
+        ("certify.sorce", "did you mean certify.source?"),
         ("method.epoch", "did you mean method.epochs?"),
         ("method.learning_rat", "did you mean method.learning_rate?"),
         ("hydra.sweeep", "--help lists the options"),
-        ("leakage.xyz", "choose from [leakage.source, leakage.config]"),
+        (
+            "publish.xyz",
+            "choose from [publish.repo_id, publish.model, publish.export, publish.env, "
+            "publish.version, publish.dry_run, publish.private]",
+        ),
         ("zzz", "--help lists the options"),
     ],
 )

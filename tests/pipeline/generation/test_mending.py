@@ -17,8 +17,9 @@ from tampering import TRAIN, content_of, cut_short, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from pipeline.certify import stage as certify
+from pipeline.certify.options import CertifyOptions
 from pipeline.inspection import analyse
-from pipeline.inspection.options import LeakageOptions
 from pipeline.machinery.artifact import leave
 from pipeline.release.card import write_card
 from pipeline.release.texts import Release
@@ -164,11 +165,11 @@ def test_nothing_is_written_through_a_linked_folder_inside_a_dataset_s_folder(
     for split in ("train", "test"):
         (tmp_path / "mazes" / split).mkdir(parents=True)
         np.save(tmp_path / "mazes" / split / "a.npy", grid)
-    source = LeakageOptions(source=str(tmp_path / "mazes"))
+    source = CertifyOptions(source=str(tmp_path / "mazes"))
     act: Callable[[], object] = {
         "pictures": lambda: write_card(data_dir, Release("user/name", "1.0.0")),
         "report": lambda: write_report(data_dir, tmp_path),
-        "analysis": lambda: analyse.run(run_of(data_dir, leakage=source)),
+        "analysis": lambda: certify.run(run_of(data_dir, stages=["certify"], certify=source)),
         ".3x3.building": lambda: build(data_dir, seed=1, overwrite=True),
     }[name]
     with pytest.raises(DatasetError, match=f"{name} is a link, and nothing is written through it"):

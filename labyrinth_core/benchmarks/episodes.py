@@ -1,0 +1,146 @@
+"""What is seen of a seed: its first observation, and episodes of fixed actions."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from labyrinth_core.benchmarks.encoding import digest, encode
+from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.making import FAILURES, Maker, StateOf, close, known_state
+from labyrinth_core.data.errors import one_line
+
+Draw = Callable[[np.random.Generator], Any]
+"""Returns a random action of an environment without an action space that can be sampled."""
+
+ACTION_SEED = 0
+"""The seed of the action sequences."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """How an environment is looked at."""
+
+    maker: Maker
+    actions: tuple[tuple[Any, ...], ...]
+    """The action sequences, one for each probe; none to look at first observations alone."""
+    state: StateOf | None = None
+    fresh: bool = False
+    """Whether each episode gets a new environment."""
+
+    def walk(self, stage: Stage, seed: int) -> Iterator[tuple[int, int, Any]]:
+        """Yield the probe, the step and what is seen there, for all probes of a seed.
+
+        At step 0 that is the first observation; after it the observation, the reward, and whether
+        the episode was terminated or truncated. An environment may overwrite what it returned when
+        the iteration goes on.
+        """
+        for probe, actions in enumerate(self.actions or ((),)):
+            env = stage.ready()
+            result = env.reset(seed=seed)
+            if not (isinstance(result, tuple) and len(result) == 2):
+                raise CertifyError(
+                    f"{self.maker.name}: reset(seed=...) returns {type(result).__name__}, not "
+                    "(observation, info): record it with examples/record_levels.py instead"
+                )
+            yield probe, 0, result[0]
+            for step, action in enumerate(actions, 1):
+                seen = env.step(action if isinstance(action, int | str) else copy.copy(action))
+                observation, reward, terminated, truncated, _ = seen
+                yield probe, step, (observation, reward, terminated, truncated)
+                if terminated or truncated:
+                    break
+
+
+class Stage:
+    """Holds the environment that episodes are played in, and replaces it after an error."""
+
+    def __init__(self, protocol: Protocol) -> None:
+        self.protocol = protocol
+        self.env: Any = None
+
+    def ready(self) -> Any:
+        """Return an environment to reset: the last one, or a new one."""
+        if self.protocol.fresh:
+            self.close()
+        if self.env is None:
+            self.env = self.protocol.maker.make()
+        return self.env
+
+    def close(self) -> None:
+        """Close the environment; the next one is new."""
+        env, self.env = self.env, None
+        close(env)
+
+
+class Seen(NamedTuple):
+    """What was seen of one seed, as digests."""
+
+    seed: int
+    first: int = 0
+    probes: int = 0
+    state: int = 0
+    steady: bool = True
+    """Whether all probes began with the same observation."""
+    error: str = ""
+    """What ended the episodes, if the environment failed."""
+
+
+def look(protocol: Protocol, stage: Stage, seed: int, each: Callable[[Any], None]) -> Seen:
+    """Return what is seen of a seed.
+
+    Args:
+        protocol: How to look.
+        stage: The environment.
+        seed: The seed.
+        each: Called with every observation before the environment goes on.
+    """
+    first, state, steady, code = b"", b"", True, b""
+    parts: list[bytes] = []
+    try:
+        for probe, step, seen in protocol.walk(stage, seed):
+            parts.append(code := encode(seen))
+            each(seen if step == 0 else seen[0])
+            if step:
+                continue
+            if probe:
+                steady &= code == first
+                continue
+            first = code
+            if protocol.state is not None:
+                state = encode(protocol.state(stage.env))
+    except CertifyError:
+        raise
+    except FAILURES as error:
+        stage.close()
+        return Seen(seed, error=f"{type(error).__name__}: {one_line(error):.200}")
+    return Seen(seed, digest(first), digest(*parts), digest(state), steady)
+
+
+def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> Any:
+    """Return random action sequences with a fixed seed, or None if actions cannot be drawn.
+
+    Args:
+        env: An environment; its action space is sampled if `draw` is None.
+        probes: The number of sequences.
+        steps: Their length.
+        draw: Draws an action.
+    """
+    if draw is not None:
+        rng = np.random.default_rng(ACTION_SEED)
+        return tuple(tuple(draw(rng) for _ in range(steps)) for _ in range(probes))
+    space: Any = copy.deepcopy(getattr(env, "action_space", None))
+    if not hasattr(space, "sample"):
+        return None
+    space.seed(ACTION_SEED)
+    return tuple(tuple(space.sample() for _ in range(steps)) for _ in range(probes))
+
+
+def state_function(env: Any, state: StateOf | None) -> tuple[str, StateOf] | None:
+    """Return the state function to use and its name; None if there is none."""
+    name = getattr(state, "__qualname__", type(state).__name__)
+    return known_state(env) if state is None else (name, state)

@@ -1,0 +1,1 @@
+"""The stage `certify`: what the splits of data from elsewhere share."""

@@ -1,0 +1,223 @@
+"""Leakage between the splits of an external dataset of labyrinths.
+
+Its labyrinths come from files by split, or from the column `info`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Column, Table
+
+from labyrinth_core.data.dataset import why_unavailable
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
+from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.language.text import parse
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from pipeline.inspection import front_matter
+from pipeline.inspection.leakage import (
+    NEAR,
+    Held,
+    Keys,
+    Leakage,
+    certify,
+    find_leakage,
+    id_of,
+    structure_of,
+)
+from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.console import console, say
+
+
+def certify_labyrinths(
+    source: str, config: str | None, folder: AnyPath, name: str, *, overwrite: bool
+) -> Iterator[str]:
+    """Analyse an external dataset, print the table, and yield the other lines to print.
+
+    Args:
+        source: As for `read_elsewhere`.
+        config: The config of the dataset, if it has several.
+        folder: The folder for the result.
+        name: The name of the result in it.
+        overwrite: Whether to replace a result that a user has changed.
+
+    Raises:
+        DatasetError: The source holds no labyrinth; or some could not be read, which is raised
+            after analysing the others.
+        OSError: A file cannot be read or written.
+    """
+    found = read_elsewhere(source, config)
+    keys = {split: Keys.of(labyrinths) for split, labyrinths in found.splits.items()}
+    leakage = find_leakage(found.splits, certify(keys))
+    content = {
+        "source": source,
+        "config": config or found.config,
+        "structures_alone": found.structures_alone,
+        "problems": found.problems,
+        "leakage": leakage.to_json(),
+        "files": found.files,
+    }
+    leave(folder, {name: as_text(content).encode()}, overwrite=overwrite)
+    path = folder / name
+    console.print(_table(leakage, with_routes=not found.structures_alone))
+    yield from leaks(leakage, found.files)
+    if found.structures_alone:
+        yield "Some labyrinths have no start and goal, so only structures are compared."
+    yield f"{path} has the full results."
+    if found.problems:
+        yield from found.problems[1:LEAKS_SHOWN]
+        raise DatasetError(
+            f"{len(found.problems):,} labyrinths or files could not be read, and are not in the "
+            f"analysis; {path} lists them all; the first: {found.problems[0]}"
+        )
+
+
+def _table(leakage: Leakage, *, with_routes: bool) -> Table:
+    walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
+    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
+    table = Table(
+        "splits",
+        *(Column(heading, justify="right") for heading in headings),
+        title="leakage: labyrinths of the second split with a counterpart in the first",
+        caption="nearest: walls to the nearest structure of the first, minimum and median",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    for each in leakage.pairs:
+        pair, of = each.pair, leakage.certificate.labyrinths[each.pair.second]
+        counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
+        counts += [each.within(walls) for walls in NEAR]
+        table.add_row(
+            f"{pair.first}, {pair.second}",
+            *(f"{count:,}" for count in counts),
+            f"{len(each.same_route):,}" if with_routes else "-",
+            each.spread(of),
+        )
+    return table
+
+
+@dataclass(frozen=True)
+class Elsewhere:
+    """The labyrinths of an external dataset, with the problems in reading it."""
+
+    splits: Mapping[str, Sequence[Held]]
+    """Split -> its labyrinths, in order; or all structures, if any has no start and goal."""
+    files: Mapping[str, Mapping[str, str]]
+    """Split -> id of a labyrinth -> its first place in a file; empty if not read from files."""
+    problems: Sequence[str]
+    """A line for each labyrinth, or file, that could not be read."""
+    config: str | None = None
+    """The config that was read, if the dataset has named configs."""
+
+    @property
+    def structures_alone(self) -> bool:
+        """Whether the splits hold structures instead of labyrinths."""
+        return any(isinstance(held[0], Structure) for held in self.splits.values() if held)
+
+
+def read_elsewhere(source: str, config: str | None) -> Elsewhere:
+    """Return the labyrinths of an external dataset.
+
+    Args:
+        source: A file or a folder for `read_collection`; or, for `load_dataset`, a folder with
+            Parquet files or an id on the Hub, of which only the column `info` is read.
+        config: The config of the dataset, if it has several.
+
+    Raises:
+        DatasetError: The source is none of these, or no labyrinth in it can be read.
+        OSError: A file cannot be read.
+    """
+    path = Path(source).expanduser()
+    if path.is_file() and not is_collection(path):
+        raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
+    files = files_in(path) if path.is_dir() else []
+    rows = any(file.suffix == ".parquet" for file, _ in files)
+    if path.is_file() or (path.is_dir() and not rows):
+        found = _in_files(path)
+        if found.splits:
+            return found
+        if found.problems or path.is_file():
+            raise DatasetError(next(iter(found.problems), f"{source} holds no labyrinth"))
+    if rows:  # `datasets` reads it without limits.
+        with suppress(FileNotFoundError):
+            front_matter.read_any(path / "README.md")
+    # Resolved, because `datasets` finds no name for the folder `.`.
+    streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
+    # Different texts may describe the same labyrinth, which then counts once.
+    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
+    problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
+    return Elsewhere(splits, {}, problems, config)
+
+
+def _in_files(path: Path) -> Elsewhere:
+    """Return the labyrinths in a file or a folder."""
+    entries = list(read_collection(path))
+    alone = any(isinstance(entry.found, Structure) for entry in entries)
+    splits: dict[str, list[Held]] = {}
+    files: dict[str, dict[str, str]] = {}
+    for split, place, found, _ in entries:
+        if found is not None:
+            held = structure_of(found) if alone else found
+            splits.setdefault(split, []).append(held)
+            files.setdefault(split, {}).setdefault(id_of(held), place)
+    return Elsewhere(splits, files, [entry.problem for entry in entries if entry.problem])
+
+
+def _parsed(infos: Iterator[str], split: str) -> Iterator[Labyrinth]:
+    for info in dict.fromkeys(infos):
+        try:
+            yield parse(info)
+        except ValueError as error:
+            # Its first line says what is wrong, the others show where.
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(f"{split} info: not a labyrinth: {reason}") from error
+
+
+def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]], str | None]:
+    """Return the config of a dataset and, streamed, the values of `info` in each split.
+
+    No other column is downloaded. The name of a default config is printed.
+
+    Raises:
+        DatasetError: There is no such dataset; or, while streaming, it cannot be read.
+    """
+    import yaml
+    from datasets import load_dataset
+
+    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+
+    limit_silence()
+    try:
+        splits = load_dataset(source, config, streaming=True, columns=["info"])
+    except (*UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
+        reason = why_unavailable(source, error)
+        if isinstance(error, yaml.YAMLError):
+            reason = f"{source}: the front matter of its README.md cannot be read"
+        elif "BuilderConfig" in str(error):  # No such config; the message lists the others.
+            reason = source
+        raise DatasetError(f"{reason}: {one_line(error)}") from error
+    if config is None and (default := next(iter(splits.values())).config_name) != "default":
+        named = printable_line(f"{source}: default config {default}")  # Named in its README.md.
+        say(f"{named}; certify.config selects another.")
+        config = default
+    return {str(split): _infos(source, stream) for split, stream in splits.items()}, config
+
+
+def _infos(source: str, stream: Any) -> Iterator[str]:
+    with readable(source):
+        tables = stream.with_format("arrow").iter(batch_size=256)
+        for table in tables:
+            if "info" not in table.column_names:
+                raise DatasetError(f"{source} has no column info")
+            for info in table["info"].to_pylist():
+                if not isinstance(info, str):
+                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+                yield info

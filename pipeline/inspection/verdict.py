@@ -1,0 +1,56 @@
+"""An analysis as text: its JSON, and the lines that name leaks."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from pipeline.inspection.leakage import Leakage
+
+FORMAT = 1
+"""The format of an analysis."""
+LEAKS_SHOWN = 10
+"""The maximum number of leaks or problems of one kind printed in the terminal."""
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """Return the JSON of an analysis."""
+    return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
+
+
+def leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
+    found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
+    if found:
+        yield "Leakage:"
+        yield from found
+    else:
+        yield "Leakage: no structure is in two splits, and none is repeated."
+        yield f"Mirrored with start and goal kept: none.{_turned(leakage)}"
+    if leakage.cut:
+        yield f"{leakage.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+
+def _turned(leakage: Leakage) -> str:
+    """Say how many structures of each split are rotated or reflected ones of another split."""
+    found: dict[str, list[str]] = {}
+    for each in leakage.pairs:
+        if each.symmetric:
+            counts = found.setdefault(each.pair.first, [])
+            counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
+    told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in found.items())
+    return f"\nTurned: {told}." if found else " Turned: none."
+
+
+def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+    def named(split: str, number: str) -> str:
+        return files[split][number] if files else f"{split} {number}"
+
+    for pair in leakage.certificate.pairs:
+        mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
+        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+            for number, other in list(found.items())[:LEAKS_SHOWN]:
+                yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
+            if len(found) > LEAKS_SHOWN:
+                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"

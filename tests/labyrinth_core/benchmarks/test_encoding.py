@@ -1,0 +1,71 @@
+"""Values as bytes: equal where an agent can tell no difference, and different where it can."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from labyrinth_core.benchmarks import encode
+from labyrinth_core.benchmarks.encoding import leaves
+
+OBJECTS = np.array([["a", [1]], ["b", {2: None}]], object)
+PAIRS = np.array([(1, 2.0)], [("a", "i4"), ("b", "f8")])
+
+ALIKE = {
+    "the order of keys": ({"a": 1, "b": 2}, {"b": 2, "a": 1}),
+    "kinds of dictionaries": ({"a": 1}, OrderedDict(a=1)),
+    "the sign of zero": (-0.0, 0.0),
+    "in arrays, too": (np.array([-0.0, 1]), np.array([0.0, 1])),
+    "NaN": (float("nan"), -float("nan")),
+    "NaN in arrays": (np.array([np.nan, 1], "f4"), np.array([-np.nan, 1], "f4")),
+    "numbers of NumPy": (3, np.int16(3)),
+    "truths of NumPy": (True, np.bool_(True)),
+    "memory layout": (np.arange(6).reshape(2, 3), np.asfortranarray(np.arange(6).reshape(2, 3))),
+    "objects": (OBJECTS, np.array(OBJECTS.tolist(), object)),
+    "sets": ({"x", "y", "z"}, {"z", "y", "x"}),
+    "records": (PAIRS, PAIRS.copy()),
+    "lists and tuples": ([1, (2,)], (1, [2])),
+}
+APART = {
+    "where a text ends": (("ab", "c"), ("a", "bc")),
+    "nesting": (((1,), 2), ((1, 2),)),
+    "text and bytes": ("a", b"a"),
+    "one and true": (1, True),
+    "one and 1.0": (1, 1.0),
+    "shapes": (np.zeros((2, 3)), np.zeros((3, 2))),
+    "types": (np.zeros(2, "f4"), np.zeros(2, "f8")),
+    "nothing and none": ((), None),
+    "keys and values": ({"a": "b"}, {"b": "a"}),
+    "objects": (OBJECTS, OBJECTS.T.copy()),
+    "large numbers": (10**30, 10**30 + 1),
+    "long doubles": (np.longdouble(1), np.longdouble(2)),
+    "dates": (np.datetime64("2026-01-01"), np.datetime64("2026-01-02")),
+    "surrogates": ("\ud800", "\ud801"),
+}
+
+
+@pytest.mark.parametrize(("one", "other"), ALIKE.values(), ids=ALIKE)
+def test_what_no_agent_can_tell_apart_has_equal_bytes(one, other):
+    assert encode(one) == encode(other)
+    assert dict(leaves(one, "x")) == dict(leaves(other, "x"))
+
+
+@pytest.mark.parametrize(("one", "other"), APART.values(), ids=APART)
+def test_what_differs_has_other_bytes(one, other):
+    assert encode(one) != encode(other)
+
+
+def test_a_value_that_cannot_be_compared_is_refused():
+    with pytest.raises(TypeError, match="a value of type Fraction cannot be compared"):
+        encode({"a": [Fraction(1, 2)]})
+
+
+def test_the_parts_of_a_value_are_named_and_shown():
+    value = {"image": np.zeros((4, 5), np.uint8), "at": (1, np.array([2.5])), "text": "x" * 99}
+    found = dict(leaves(value, "observation"))
+    assert found["observation['image']"].startswith("uint8 array of 4 x 5, digest ")
+    assert found["observation['at'][1]"] == "[2.5]"
+    assert found["observation['text']"].startswith("'" + "x" * 59 + "... digest ")
