@@ -49,7 +49,7 @@ def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
 
 
 def card_files(data_dir: Path) -> list[str]:
-    """Return the paths of the files in a folder that a card reads or writes, whoever made them."""
+    """Return the paths of the files in a folder that a card reads or writes."""
     manifests = front_matter.finished(data_dir)
     names = [README, HASHES, *_written_by_card(manifests), *_data(manifests)]
     names += [f"{m.config.name}/{name}" for m in manifests for name in (ANALYSIS, HASHES)]
