@@ -40,7 +40,7 @@ class CommandOptions(ExecutorOptions, OverwriteOption, DataFolderOption):
 
     stages: tuple[str, ...] = option(
         ("build", "validate", "analyse", "card"),
-        "stages to run, in order: " + ", ".join(STAGES),
+        "stages to run, in the order given: " + ", ".join(STAGES),
         one_of=STAGES,
     )
 

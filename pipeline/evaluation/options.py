@@ -44,7 +44,9 @@ class EvaluationOptions:
         at_least=0,
         at_most=1_000,
     )
-    name: str = option("", "name of the policy in tables (the last part of policy)")
+    name: str = option(
+        "", "name of the policy in tables (module:name as given, else the last part of policy)"
+    )
     author: str = option("", "author of the policy")
     url: str = option(
         "",
