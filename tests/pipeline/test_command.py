@@ -49,7 +49,7 @@ BUGS = ["ValueError", "TypeError", "OSError", "KeyError", "OmegaConfBaseExceptio
 
 @pytest.mark.parametrize("seeds", ["0", "0,1,2,3,4"])
 def test_a_bug_of_a_stage_gets_its_traceback_whatever_its_type(tmp_path: Path, seeds: str) -> None:
-    stage = f"raise ({', '.join(BUGS)})[run.options.seed]('my own')"
+    stage = f"raise ({', '.join(BUGS)})[run.dataset.seed]('my own')"
     sweep = ["-m"] if "," in seeds else []
     done = run_with(tmp_path, stage, *sweep, f"seed={seeds}", "stages=build")
     assert done.returncode == 1
@@ -154,7 +154,10 @@ def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
 
 
 def test_texts_stay_as_typed_in_each_run_of_a_sweep(tmp_path: Path) -> None:
-    stage = "print('read', run.options.revision, run.options.dataset, run.options.evaluation.name)"
+    stage = """import yaml
+    options = yaml.safe_load(run.composed)
+    print('read', options['revision'], options['dataset'], options['evaluation']['name'])
+"""
     swept = ["revision=1.10,1.1,1e3", "dataset=choice(1.0,true)", "evaluation.name=true"]
     done = run_with(tmp_path, stage, "-m", "stages=build", *swept)
     assert (done.returncode, done.stderr) == (0, "")
@@ -225,7 +228,7 @@ def test_hydra_is_given_the_objective_of_each_run_of_a_sweep(tmp_path: Path) -> 
     )
     shows = "defaults: [config, _self_]\nhydra: {callbacks: {shows: {_target_: shows.Objective}}}"
     (tmp_path / "mine.yaml").write_text(shows)
-    stage = "return run.options.seed / 4 if run.options.seed else None"
+    stage = "return run.dataset.seed / 4 if run.dataset.seed else None"
     named = ["--config-dir", ".", "--config-name", "mine"]
     done = run_with(tmp_path, stage, *named, "-m", "seed=0,1,3", "stages=build")
     assert (done.returncode, done.stderr) == (0, "")
