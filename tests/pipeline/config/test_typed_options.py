@@ -142,7 +142,9 @@ def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
     assert refused(f"{name}=1") == f"{name} is not an option: {advice}"
 
 
-@pytest.mark.parametrize("argument", ["method=[]", "method=[bc,dagger]", "publish=x", "buckets=[3]"])
+@pytest.mark.parametrize(
+    "argument", ["method=[]", "method=[bc,dagger]", "publish=x", "buckets=[3]"]
+)
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
     with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):
         composed(argument)
