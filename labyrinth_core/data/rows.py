@@ -211,7 +211,8 @@ def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.
 def _check_size(size: int, shard: Shard, path: AnyPath) -> None:
     if size != shard.bytes:
         raise DatasetError(
-            f"{path} is damaged: it has {size} bytes, and the manifest says {shard.bytes}; {AGAIN}"
+            f"{path} is damaged: it has {size} bytes, and the manifest says {shard.bytes}; "
+            f"delete it, and {AGAIN}"
         )
 
 

@@ -39,7 +39,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         DatasetError: One of the two files is damaged, or `run.json` has another form.
     """
     path, weights = folder / RECORD, folder / POLICY
-    again = "stages=train makes it again"
+    again = "stages=train overwrite=true makes it again"
     try:
         listed = _listed(folder / "SHA256SUMS", RECORD)
         if listed and file_sha256(path) not in listed:

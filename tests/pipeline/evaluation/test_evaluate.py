@@ -142,11 +142,12 @@ def test_every_change_of_a_record_is_damage(trained, run_of, tmp_path):
         assert old in text
         path.write_text(text.replace(old, new, 1), encoding="utf-8")
         for read in (lambda: stage.run(run), lambda: load_policy(run.training_folder)):
-            with pytest.raises(
-                DatasetError, match=r"run.json is damaged: .* SHA256SUMS; stages=tr"
-            ):
+            with pytest.raises(DatasetError, match=r"run.json is damaged: .* SHA256SUMS") as caught:
                 read()
-    train.run(run)
+            assert str(caught.value).endswith("; stages=train overwrite=true makes it again")
+    with pytest.raises(DatasetError, match=r"run.json, damaged or changed .*: give overwrite=true"):
+        train.run(run)
+    train.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
     stage.run(run)
 
 
@@ -157,7 +158,7 @@ def test_damaged_results_of_a_run_are_written_anew_as_the_message_says(trained, 
     path = run.training_folder / "results.json"
     right = path.read_bytes()
     path.write_bytes(right.replace(b'"seed": 0', b'"seed": 1'))
-    with pytest.raises(DatasetError, match=r"results.json: .* or give overwrite=true to write it"):
+    with pytest.raises(DatasetError, match=r"results.json: .* or give overwrite=true$"):
         stage.run(run)
     stage.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
     assert path.read_bytes() == right

@@ -48,13 +48,22 @@ def test_a_finished_export_is_kept_and_made_alike_where_it_is_missing_or_damaged
     folder = export(small_dataset, tmp_path, format_, *splits)
     before = content_of(folder)
     shutil.rmtree(folder / "test-v0")
-    (folder / "s0-v0" / stage.RECORD).write_text("{")
+    (folder / "s0-v0" / stage.RECORD).unlink()
     kept = (folder / "train-v0" / stage.RECORD).stat().st_ino
     export(small_dataset, tmp_path, format_, *splits)
     printed = " ".join(capsys.readouterr().out.split())
     assert "train-v0 is there already" in printed
-    assert f"s0-v0 is made again, because damaged or missing: {stage.RECORD}." in printed
+    assert f"s0-v0 is made again, because missing: {stage.RECORD}." in printed
     assert (folder / "train-v0" / stage.RECORD).stat().st_ino == kept
+    assert content_of(folder) == before
+
+    (folder / "s0-v0" / stage.RECORD).write_text("{")
+    shutil.rmtree(folder / "test-v0")
+    reason = f"s0-v0 holds {stage.RECORD}, damaged or changed since it was made: give overwrite"
+    with pytest.raises(DatasetError, match=reason):
+        export(small_dataset, tmp_path, format_, *splits)
+    assert not (folder / "test-v0").exists()
+    export(small_dataset, tmp_path, format_, *splits, overwrite=True)
     assert content_of(folder) == before
 
 

@@ -141,6 +141,11 @@ def test_a_structure_that_is_where_it_should_not_be_is_found(folder, split, plan
     assert list(measured(folder / DEFAULT).certificate.problems()) == [problem]
 
 
+def with_another_last_byte(path):
+    content = path.read_bytes()
+    path.write_bytes(content[:-1] + bytes([content[-1] ^ 1]))
+
+
 def put_first(folder, text):
     """Put a text in the place of the first labyrinth of train."""
     plant(folder, "train", labyrinths(folder, "train")[0], text)
@@ -151,6 +156,10 @@ def put_first(folder, text):
     [
         (
             lambda folder: cut_short(shard(folder, "train")),
+            r"is damaged: it has \d+ bytes, and the manifest says \d+; delete it, and build",
+        ),
+        (
+            lambda folder: with_another_last_byte(shard(folder, "train")),
             "is damaged: its sha256 is not the manifest's; delete it, and build",
         ),
         (
@@ -163,7 +172,7 @@ def put_first(folder, text):
         ),
         (lambda folder: put_first(folder, "no labyrinth"), "cannot be read"),
     ],
-    ids=["damaged", "empty", "of another size", "no labyrinth"],
+    ids=["cut short", "damaged", "empty", "of another size", "no labyrinth"],
 )
 def test_shards_that_are_damaged_or_hold_something_else_are_refused_in_one_line(
     folder, change, message

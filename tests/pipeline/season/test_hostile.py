@@ -329,7 +329,7 @@ def test_a_policy_of_ours_that_takes_too_long_is_refused_while_it_computes(
 ):
     from labyrinth_core import evaluate
 
-    slow = PlannerSpec(False, False, False, channels=48, iterations=300, sharpness=3.0)
+    slow = PlannerSpec(False, False, False, channels=32, iterations=5, sharpness=3.0)
     spec = PolicySpec(NetworkSpec("planner", 3, 3, "navigation"), average=True, own=slow)
     lay_out_run(tmp_path / "slow", spec)
     monkeypatch.setattr(submission, "SECONDS", 0.3)

@@ -151,12 +151,16 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     (run.training_folder / CURVES).unlink()
     train.run(run)
     assert "complete already" in capsys.readouterr().out  # No policy is trained for a picture.
-    for damage in (Path.unlink, lambda path: path.write_bytes(weights + b"?")):
-        damage(run.training_folder / POLICY)
+    (run.training_folder / POLICY).unlink()
+    train.run(run)
+    assert "made again, because missing: policy.safetensors" in capsys.readouterr().out
+    assert weights_of(run) == weights
+    (run.training_folder / POLICY).write_bytes(weights + b"?")
+    with pytest.raises(DatasetError, match=f"{POLICY}, damaged or changed .*: give overwrite=true"):
         train.run(run)
-        printed = capsys.readouterr().out
-        assert "made again, because damaged or missing: policy.safetensors" in printed
-        assert weights_of(run) == weights
+    assert weights_of(run) == weights + b"?"
+    train.run(run_of(overwrite=True))
+    assert weights_of(run) == weights
     train.run(run_of(**changed, overwrite=True))
     assert record_of(run)["epochs"] == 4
 
