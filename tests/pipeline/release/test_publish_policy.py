@@ -305,6 +305,6 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     change(results, "run")
     told = f"{results} belongs to another run: stages=evaluate makes it again"
     assert refused(copied, manifest, staged) == told
-    other = replace(copied, options=replace(copied.options, seed=1))
+    other = replace(copied, dataset=replace(copied.dataset, seed=1))
     told = "planner-seed1 holds no evaluated policy: 'stages=[train,evaluate]' makes one"
     assert refused(other, manifest, staged).endswith(told)
