@@ -79,7 +79,9 @@ def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied
     questions.run(copied)
     assert "is there already" in capsys.readouterr().out
     (folder / TEST).write_bytes(b"damaged")
-    questions.run(copied)
+    with pytest.raises(DatasetError, match=f"{TEST}, damaged or changed .*: give overwrite=true"):
+        questions.run(copied)
+    questions.run(replace(copied, options=replace(copied.options, overwrite=True)))
     assert content_of(copied.data_dir) == before
 
 
