@@ -303,9 +303,9 @@ def _download(source: str, config: str, files: Iterable[str], revision: str | No
     from huggingface_hub import HfApi, snapshot_download
     from huggingface_hub.errors import RevisionNotFoundError
 
-    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
 
-    limit_silence()
+    prepare_client()
     patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
     try:
         snapshot = snapshot_download(

@@ -1,7 +1,8 @@
-"""Time limit for calls of the Hub's client: a minute without a byte.
+"""What holds for each call of the Hub's client: a limit on silence, and a token that can be sent.
 
-The client limits downloads itself (HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most
-other calls. It retries calls that fail, so a silent Hub becomes an error after some minutes.
+A call fails after a minute without a byte. The client limits downloads itself
+(HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most other calls. It retries calls that
+fail, so a silent Hub becomes an error after some minutes.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import os
 from typing import Any
 
-from huggingface_hub import get_session
+from huggingface_hub import get_session, get_token
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
@@ -21,13 +22,20 @@ UNAVAILABLE = (OSError, ValueError, HTTPError, RuntimeError)
 """The client's errors for a file or repository that it cannot provide; RuntimeError is Xet's."""
 
 
-def limit_silence() -> None:
-    """Set a time limit for calls of the Hub's client that have none.
+def prepare_client() -> None:
+    """Set a time limit for calls of the Hub's client that have none, and check the token.
 
     Raises:
-        DatasetError: The environment variable is not a positive number of seconds.
+        DatasetError: The environment variable is not a positive number of seconds, or the token
+            cannot be sent; an error of the client's own would print it.
     """
     _seconds()
+    token = get_token() or ""
+    if not (token.isascii() and token.isprintable()):
+        raise DatasetError(
+            "the Hub token is malformed, with characters that no token has: copy it again into "
+            "HF_TOKEN, or run `hf auth login`"
+        )
     session = get_session()
     hooks = session.event_hooks
     if _limit not in hooks["request"]:

@@ -58,9 +58,9 @@ def _filesystem(protocol: str) -> Any:
     import fsspec
 
     if protocol == "hf":
-        from labyrinth_core.data.hub import limit_silence
+        from labyrinth_core.data.hub import prepare_client
 
-        limit_silence()
+        prepare_client()
     # A cached listing would hide what other processes write.
     return fsspec.filesystem(protocol, use_listings_cache=False)
 

@@ -87,9 +87,9 @@ def located(
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
     from huggingface_hub import hf_hub_download
 
-    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
 
-    limit_silence()
+    prepare_client()
 
     def download(name: str, **options: Any) -> Any:
         return hf_hub_download(str(source), name, revision=revision, **options)

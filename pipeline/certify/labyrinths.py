@@ -192,9 +192,9 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     import yaml
     from datasets import load_dataset
 
-    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
 
-    limit_silence()
+    prepare_client()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
     except (*UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.

@@ -23,6 +23,10 @@ WAITS = (0.2, 1.0, 3.0)
 FAULTS = (HTTPError, JSONDecodeError)
 """What the client raises for such an error; the second if it parses an error page as JSON."""
 
+UNUSABLE = (HTTPError, ValueError, ConnectionError, RuntimeError, errors.FileMetadataError)
+"""What the client raises for calls that cannot succeed; a failed upload of contents raises a
+RuntimeError or a ConnectionError."""
+
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 """What the client raises, since version 1.19, if a job cannot prove its identity to the Hub."""
 
@@ -73,8 +77,7 @@ def explained(repo_id: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except (HTTPError, ValueError, ConnectionError, RuntimeError, NO_TOKEN) as error:
-        # A failed upload of contents raises a RuntimeError or a ConnectionError.
+    except (*UNUSABLE, NO_TOKEN) as error:
         raise PublishError(_explanation(error, repo_id)) from error
 
 

@@ -19,7 +19,7 @@ from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.hub import limit_silence
+from labyrinth_core.data.hub import prepare_client
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
@@ -56,7 +56,7 @@ def run(job: Job[PublishStageOptions]) -> None:
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
-    limit_silence()
+    prepare_client()
     disable_progress_bars()  # The client has one per file; we show one for all.
     options, api = job.options.publish, HfApi()
     first = options.repo_id or options.export or options.env or options.model

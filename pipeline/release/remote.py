@@ -13,7 +13,12 @@ from pathlib import Path
 from typing import Any, Literal
 
 from huggingface_hub import HfApi, RepoFile, constants, get_token
-from huggingface_hub.errors import EntryNotFoundError, HfHubHTTPError, RevisionNotFoundError
+from huggingface_hub.errors import (
+    EntryNotFoundError,
+    HfHubHTTPError,
+    LocalEntryNotFoundError,
+    RevisionNotFoundError,
+)
 from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -213,8 +218,20 @@ class Remote:
         return {tag: commit for tag, commit in self.tags().items() if VERSION.fullmatch(tag)}
 
     def download(self, path: str, commit: str) -> Path:
-        """Return a file of a commit, in the Hub's cache."""
-        return Path(self._call("hf_hub_download", filename=path, revision=commit))
+        """Return a file of a commit, in the Hub's cache.
+
+        Raises:
+            EntryNotFoundError: The commit lacks the file; not raised if the Hub cannot be asked.
+        """
+        get = self.api.hf_hub_download
+
+        def downloaded() -> str:
+            try:
+                return get(self.repo_id, path, repo_type=self.kind.repo_type, revision=commit)
+            except LocalEntryNotFoundError as error:  # The Hub gives an error, or no answer.
+                raise error.__cause__ or error from None
+
+        return Path(repeated(downloaded))
 
     def tag(self, tag: str, commit: str) -> None:
         """Create a tag at a commit, unless it is there already.

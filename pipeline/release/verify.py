@@ -23,7 +23,7 @@ from huggingface_hub import get_token, hf_hub_download
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.hub import limit_silence
+from labyrinth_core.data.hub import prepare_client
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import open_shard
 from labyrinth_core.data.storage import file_sha256
@@ -223,7 +223,7 @@ def main() -> None:
     """Verify the release that the command line names, and exit with 0 on success, else 1."""
     repo_id, commit, folder, repo_type = sys.argv[1:]
     end_with_parent(os.getppid())
-    limit_silence()
+    prepare_client()
     status = 0
     try:
         _tell(verify(repo_id, commit, Path(folder), repo_type))

@@ -144,9 +144,9 @@ def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
         raise DatasetError(f"{source} is neither a folder, a file, nor an id such as user/model")
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE, limit_silence
+    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
 
-    limit_silence()
+    prepare_client()
     try:
         found = HfApi().model_info(source, revision=revision)
     except UNAVAILABLE as error:

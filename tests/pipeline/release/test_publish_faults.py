@@ -240,6 +240,35 @@ def test_a_token_for_one_repository_releases_there_alone(
     assert error == UNSEEN.format("user/new")
 
 
+@pytest.mark.parametrize("status", [429, 503])
+def test_a_list_of_files_that_the_hub_does_not_give_is_not_taken_for_missing(
+    released_hub: LocalHub, other_shard: Path, status: int
+) -> None:
+    before = held(released_hub)
+    released_hub.faults.fail("GET|HEAD", "/resolve/.*SHA256SUMS", status=status, times=UNLIMITED)
+    error = error_of(publish(released_hub, other_shard, "1.1.0"))
+    assert error.startswith(f"the Hub answers {status}: ")
+    assert held(released_hub) == before
+    released_hub.faults.clear()
+    published(released_hub, other_shard, "1.1.0")
+    assert held(released_hub, "1.1.0") == built(other_shard)
+
+
+@pytest.mark.parametrize("token", ["hf_secret\x07", "hf_sécret"])
+def test_a_token_that_cannot_be_sent_is_never_printed(
+    local_hub: LocalHub, releasable: Path, token: str
+) -> None:
+    done = publish(local_hub, releasable, "1.0.0", HF_TOKEN=token)
+    load = f"from labyrinth_core import load_arrays; load_arrays({REPO!r}, '5x5', 'test')"
+    loading = run_python(local_hub, "-c", load, HF_TOKEN=token)
+    for ended in done, loading:
+        assert ended.returncode == 1
+        assert "the Hub token is malformed" in ended.stderr.splitlines()[-1]
+        assert "cret" not in ended.stdout + ended.stderr
+    assert error_of(done).startswith("the Hub token is malformed")
+    assert len(local_hub.log) == 0
+
+
 WARM = """
 import sys
 from datasets import load_dataset
