@@ -98,6 +98,16 @@ def test_the_reference_has_every_public_name_of_the_library():
     assert sorted(named) == sorted(labyrinth_core.__all__)
 
 
+def test_the_reference_has_a_page_for_every_folder_of_the_library():
+    site = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for module in pkgutil.iter_modules(labyrinth_core.__path__):
+        if not module.ispkg or module.name == "command":  # The command has its `--help`.
+            continue
+        page = ROOT / "docs" / "reference" / f"{module.name}.md"
+        assert f"<!-- modules of labyrinth_core/{module.name} -->" in page.read_text("utf-8")
+        assert f" reference/{page.name}\n" in site
+
+
 def test_every_extra_is_explained():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     text = (ROOT / "docs" / "get-started.md").read_text(encoding="utf-8")
