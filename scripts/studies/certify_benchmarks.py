@@ -75,7 +75,7 @@ def benchmarks() -> Iterator[Benchmark]:
         yield Benchmark(f"MiniGrid-{name}-v0", "minigrid")
     for name in BABYAI:
         yield Benchmark(f"BabyAI-{name}-v0", "minigrid")
-    yield Benchmark(f"{GENERATED}Crafter-v0", "crafter", seeds=50, probes=1)
+    yield Benchmark(f"{GENERATED}Crafter-v0", "crafter", seeds=25, probes=1)
 
 
 def missing_in(folder: Path) -> list[Benchmark]:

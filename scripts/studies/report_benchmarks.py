@@ -69,7 +69,7 @@ def name(certificate: Certificate) -> str:
 def row(certificate: Certificate) -> list[str]:
     """Return the row of an environment."""
     levels, spread = certificate["levels"], certificate["spread"]
-    seen = f"{levels['seen']:,} of {levels['seeds']:,} seeds"
+    seen = f"{levels['seen']:,} of {levels['seeds']:,}"
     shares = [share(certificate, measure) for measure in MEASURES]
     spread = f"{100 * spread['share']:.2g}" if spread else ""
     return [name(certificate), seen, *estimates(levels), *shares, spread]

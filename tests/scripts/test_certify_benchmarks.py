@@ -87,4 +87,11 @@ def test_a_row_has_the_figures_of_a_certificate_and_a_refused_measure_has_no_sha
 
 
 def test_the_page_and_the_readme_lead_with_the_number_of_a_certificate() -> None:
-    pass
+    kept = read_json(study.KEPT / "MiniGrid-LavaCrossingS9N2-v0.json")
+    share = round(100 * kept["measures"]["state"]["share"])
+    page, readme = (
+        (study.KEPT.parents[2] / name).read_text(encoding="utf-8")
+        for name in ("docs/studies/benchmarks.md", "README.md")
+    )
+    assert f"Of 500 test seeds of MiniGrid's LavaCrossingS9N2, {share}% give" in page
+    assert f"LavaCrossingS9N2 give {share}% of test's levels" in readme
