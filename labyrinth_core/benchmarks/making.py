@@ -54,14 +54,16 @@ class Maker:
             )
         import gymnasium
 
-        package = next((of for start, of in REGISTERED_BY if environment.startswith(start)), None)
+        # `gymnasium.make` imports the module of `module:ID`; `gymnasium.spec` does not.
+        module, colon, identifier = environment.rpartition(":")
+        package = next((of for start, of in REGISTERED_BY if identifier.startswith(start)), None)
+        imported = module if colon else package
         try:
-            if package is not None:
-                import_module(package)
-            return cls(environment, gymnasium.spec(environment))
-        except (gymnasium.error.Error, ImportError, ValueError) as error:
-            hint = "" if package or ":" in environment else "; if its package is not imported, "
-            hint += "give module:ID" if hint else ""
+            if imported is not None:
+                import_module(imported)
+            return cls(environment, gymnasium.spec(identifier))
+        except (gymnasium.error.Error, ImportError, TypeError, ValueError) as error:
+            hint = "; if its package is not imported, give module:ID" if imported is None else ""
             raise CertifyError(f"{environment}: {one_line(error)}{hint}") from error
 
     def make(self) -> Any:

@@ -17,6 +17,7 @@ from pathlib import Path
 import matplotlib as mpl
 import report_ablation
 import report_authors
+import report_benchmarks
 import report_claims
 import report_controls
 import report_coverage
@@ -67,6 +68,8 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "environments": report_environments.like_theirs,
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
+    "benchmarks": report_benchmarks.certified,
+    "procgen": report_benchmarks.procgen,
 }
 """Name of a table -> the function that makes it."""
 
@@ -78,6 +81,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "told-less": report_mapper.draw,
     "mapper-sizes": report_mapper.draw_sizes,
     "reinforcement": report_reinforcement.draw,
+    "benchmarks": report_benchmarks.draw,
 }
 """Name of a figure's file -> the function that draws it."""
 

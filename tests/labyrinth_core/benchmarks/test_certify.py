@@ -280,7 +280,9 @@ def test_memory_replays_the_demonstration_of_what_looks_the_same_or_nearest():
         ({"workers": True}, "workers=True: give a whole number"),
         ({"environment": 3}, "environment=3: give an id of Gymnasium"),
         ({"environment": "Nothing-v0"}, r"Nothing-v0: Environment .Nothing. doesn't exist"),
-        ({"environment": "nomodule:Nothing-v0"}, r"nomodule:Nothing-v0: .*nomodule"),
+        ({"environment": "nomodule:Nothing-v0"}, r"No module named 'nomodule'$"),
+        ({"environment": "json:Nothing-v0"}, r"Environment `Nothing` doesn't exist\.$"),
+        ({"environment": ".json:Nothing-v0"}, r"^\.json:Nothing-v0: .*relative import"),
         ({"environment": lambda: 1 / 0}, r"cannot be made: ZeroDivisionError: division by zero"),
     ],
 )
@@ -289,6 +291,14 @@ def test_a_mistake_gets_one_line(arguments, message):
     with pytest.raises(CertifyError, match=message) as raised:
         certify(**values)
     assert "\n" not in str(raised.value)
+
+
+@pytest.mark.usefixtures("one_interpreter")
+def test_an_environment_is_found_in_the_module_that_its_id_names():
+    name = "labyrinth_core.env:Labyrinth-v0"
+    certificate = certify(name, range(3), range(3, 5), steps=2)
+    assert certificate.environment == name
+    assert certificate.state.of == 2
 
 
 @pytest.mark.usefixtures("one_interpreter")

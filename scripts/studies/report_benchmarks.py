@@ -1,0 +1,124 @@
+"""Tables and a figure for benchmarks.md, from certificates that `certify_benchmarks.py` kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from figures import COLOURS, INK
+from kept_results import RESULTS
+from matplotlib.figure import Figure
+
+from labyrinth_core.benchmarks.levels import percent
+from labyrinth_core.data.storage import read_json
+from pipeline.machinery.markdown import table
+
+Certificate = dict[str, Any]
+"""The JSON of a certificate."""
+
+MEASURES = ("first", "probes", "state")
+HEADING = ["environment", "levels seen", "coverage", "at least", *MEASURES, "spread"]
+
+LABELS = {"FrozenLake": "FrozenLake {}, map by seed", "Labyrinth": "Labyrinth {}"} | {
+    "TwoSplits": "Labyrinth {}, split by seed"
+}
+"""How the name of a generated environment begins -> its name in the page."""
+
+APART = 3.4
+"""The least distance of two labels in the figure, in percent."""
+
+
+def certified() -> str:
+    """Return the table of all environments, those with the largest share first."""
+    return table(HEADING, map(row, kept()))
+
+
+def procgen() -> str:
+    """Return the table of Procgen's games, by first pictures."""
+    heading = ["game", "train levels", "test levels", "coverage", "at least", "first"]
+    rows = []
+    for each in kept(records=True):
+        _, game, train = each["environment"].split("-")
+        of, levels = each["measures"]["first"]["of"], each["levels"]
+        rows.append([game, f"{int(train):,}", f"{of:,}", *estimates(levels), share(each, "first")])
+    return table(heading, rows)
+
+
+def kept(records: bool = False) -> list[Certificate]:
+    """Return the certificates of environments, or those of records, by descending share."""
+    files = sorted((RESULTS / "benchmarks").glob("*.json"))
+    found = [read_json(path) for path in files]
+    chosen = [each for each in found if ("train" not in each["arguments"]) == records]
+    return sorted(chosen, key=lambda each: (-best(each), name(each)))
+
+
+def best(certificate: Certificate) -> float:
+    """Return the share of test in train by the measure that tells levels apart."""
+    return float(certificate["measures"][certificate["levels"]["by"]]["share"])
+
+
+def name(certificate: Certificate) -> str:
+    """Return the name of an environment in the page."""
+    full: str = certificate["environment"].rpartition(":")[2].rpartition("-v")[0]
+    if full == certificate["environment"].rpartition("-v")[0]:
+        return full
+    kind = full.rstrip("0123456789x")
+    return LABELS.get(kind, "{}").format(full.removeprefix(kind) or full)
+
+
+def row(certificate: Certificate) -> list[str]:
+    """Return the row of an environment."""
+    levels, spread = certificate["levels"], certificate["spread"]
+    seen = f"{levels['seen']:,} of {levels['seeds']:,}"
+    shares = [share(certificate, measure) for measure in MEASURES]
+    spread = f"{100 * spread['share']:.2g}" if spread else ""
+    return [name(certificate), seen, *estimates(levels), *shares, spread]
+
+
+def estimates(levels: dict[str, Any]) -> list[str]:
+    """Return the coverage in percent, and the lower bound of the number of levels."""
+    if levels["once"] == levels["seeds"]:  # Chao1 would be a square of the number of seeds.
+        return ["0", ""]
+    return [percent(levels["coverage"]), f"{levels['at_least']:,}"]
+
+
+def share(certificate: Certificate, measure: str) -> str:
+    """Return the share of test in train by a measure, and its interval, in percent."""
+    found = certificate["measures"].get(measure)
+    if found is None:
+        return "no share" if measure in certificate["reasons"] else ""
+    low, high = map(percent, found["interval"])
+    return f"{percent(found['share'])} [{low}, {high}]"
+
+
+def draw() -> Figure:
+    """Return a figure of the share of test in train by the number of training seeds."""
+    figure = Figure(figsize=(7.2, 5.2), layout="constrained")
+    panel = figure.subplots()
+    drawn = [each for each in kept() if best(each) > 0]
+    heights: list[float] = []
+    for each in drawn:
+        by = each["levels"]["by"]
+        seeds, counts = np.array(each["curves"][by]).T
+        shares = 100 * counts / each["measures"][by]["of"]
+        ours = name(each).startswith("Labyrinth")
+        colour, style = (COLOURS[0], "--") if ours else (COLOURS[1], "-")
+        panel.plot(seeds, shares, style, color=colour, lw=1.2, alpha=0.8)
+        heights.append(min(shares[-1], heights[-1] - APART if heights else shares[-1]))
+        label = f"{name(each)}, {percent(shares[-1] / 100)}%"
+        panel.annotate(
+            label,
+            (seeds[-1], shares[-1]),
+            (seeds[-1] * 1.12, heights[-1]),
+            va="center",
+            fontsize=7.5,
+            color=colour,
+            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.4},
+            annotation_clip=False,
+        )
+    panel.set_xscale("log")
+    panel.set_xticks([1, 10, 100, 500], ["1", "10", "100", "500"])
+    panel.set(xlabel="training seeds", ylabel="% of test seeds whose level is in train")
+    panel.set(xlim=(1, 500), ylim=(min(0, heights[-1]) - 2, 103))
+    panel.grid(alpha=0.3)
+    return figure
