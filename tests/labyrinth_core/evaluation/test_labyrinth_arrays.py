@@ -14,6 +14,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.world.dynamics import initial, is_terminal, reward, state_at, transition
@@ -163,6 +164,21 @@ def test_what_cannot_be_loaded_is_said_in_one_line(datasets, arguments, message)
     with pytest.raises((ValueError, DatasetError), match=message) as error:
         load_arrays(**values)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("some", "count"), [({}, 5), ({"labyrinths": 2}, 2)])
+def test_too_little_memory_for_the_states_is_said_with_how_much_they_take(
+    datasets, some, count, monkeypatch
+):
+    def exhausted(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(labyrinth_arrays, "tabulate", exhausted)
+    monkeypatch.setattr(labyrinth_arrays, "STATE_BYTES", 10**9)
+    needed = f"{12 * count:.1f} GB and up to 1 GB of pictures"
+    told = f"split=test: the states of {count} labyrinths take about {needed}, more than there is"
+    with pytest.raises(DatasetError, match=told):
+        load_arrays(datasets, "3x4", "test", **some)
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
