@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,11 +16,11 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
-from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, draw, draw_many
+from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
 
 OBSERVATIONS = ("image", "vector", "text")
 
@@ -43,6 +43,9 @@ Increase it with any change of a pixel.
 
 HELD_BYTES = 2**30
 """Above this many bytes, pictures of all states of a split are not held, but drawn when indexed."""
+
+KEPT_BYTES = 2**28
+"""Above this many bytes, the scenes of pictures that are drawn when indexed are not kept either."""
 
 CACHED_BYTES = 64 * 2**20
 """The bytes that the cache of decoded pictures may take."""
@@ -168,6 +171,7 @@ class Looks:
         """
         self._spec, self._labyrinths = spec, labyrinths
         self._which, self._states = which, states
+        self._scenes: dict[int, KeptScenes] = {}
         looks: dict[Look, list[int]] = {}
         for number, each in enumerate(labyrinths if spec.of_arrays else []):
             looks.setdefault(each.look, []).append(number)
@@ -193,9 +197,12 @@ class Looks:
         parts = []
         for number, alike in enumerate(self._alike):
             there = np.flatnonzero(group == number)
-            # Only the labyrinths that are shown: drawing takes time for each that it is given.
-            used, own = np.unique(place[there], return_inverse=True)
-            seen = self._spec.look_together(alike.take(used), own, states[there])
+            if self._keeps:
+                seen = self._kept(number).draw(place[there], states[there])
+            else:
+                # Only the labyrinths that are shown: drawing takes time for each that it is given.
+                used, own = np.unique(place[there], return_inverse=True)
+                seen = self._spec.look_together(alike.take(used), own, states[there])
             parts.append((there, seen))
         if len(parts) == 1:
             return seen
@@ -203,6 +210,28 @@ class Looks:
         for there, seen in parts:
             found[there] = seen
         return found
+
+    @cached_property
+    def _keeps(self) -> bool:
+        """Whether the scenes of all labyrinths are kept once they are drawn."""
+        task = self._alike[0].task
+        if self._spec.observation != "image" or task is Task.PARTIAL_OBSERVABILITY:
+            return False
+        # At most a float64 and a byte for each channel of each pixel.
+        scenes = len(self._labyrinths) * KeptScenes.phases(task)
+        return scenes * 3 * self._spec.image_size**2 * 9 <= KEPT_BYTES
+
+    def _kept(self, number: int) -> KeptScenes:
+        """Return the scenes of the labyrinths of a look, which are drawn when first requested."""
+        if number not in self._scenes:
+            wall_pixels, resize = RESIZES[self._spec.resize]
+            self._scenes[number] = KeptScenes(
+                self._alike[number],
+                self._spec.image_size,
+                wall_pixels=wall_pixels,
+                resize=resize,
+            )
+        return self._scenes[number]
 
     def held(self) -> NDArray[Any] | Looks:
         """Return all observations as an array, or this object if they exceed `HELD_BYTES`."""

@@ -97,10 +97,11 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
-@pytest.mark.parametrize("size", [32, PICTURE_SIZE])
+@pytest.mark.parametrize(("size", "kept"), [(32, 2**28), (32, 0), (PICTURE_SIZE, 2**28)])
 def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
-    datasets, config, size, monkeypatch
+    datasets, config, size, kept, monkeypatch
 ):
+    monkeypatch.setattr(observations, "KEPT_BYTES", kept)
     load = partial(load_arrays, datasets, config, "test", image_size=size)
     held = load().observations
     monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes)
