@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,10 +16,11 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
-from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many
+from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.pictures.vector import vector_observation, vector_observations
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
 
 OBSERVATIONS = ("image", "vector", "text")
 
@@ -42,6 +43,9 @@ Increase it with any change of a pixel.
 
 HELD_BYTES = 2**30
 """Above this many bytes, pictures of all states of a split are not held, but drawn when indexed."""
+
+KEPT_BYTES = 2**28
+"""Above this many bytes, the scenes of pictures that are drawn when indexed are not kept either."""
 
 CACHED_BYTES = 64 * 2**20
 """The bytes that the cache of decoded pictures may take."""
@@ -97,20 +101,8 @@ class ObservationSpec:
             assert pngs is not None
             decode = _remembering_decoder(self.image_size)
             return np.stack([decode(png) for png in pngs], out=pictures)
-        if self.observation == "vector":
-            return vector_observations(labyrinths, which, states)
-        if self.observation == "image" and self.image_size != PICTURE_SIZE:
-            wall_pixels, resize = RESIZES[self.resize]
-            size = self.image_size
-            return draw_many(
-                labyrinths,
-                which,
-                states,
-                size,
-                wall_pixels=wall_pixels,
-                resize=resize,
-                out=pictures,
-            )
+        if self.of_arrays:
+            return self.look_together(labyrinths, which, states, pictures)
         parsed = episodes.parsed()
         seen = zip(which.tolist(), states.tolist(), strict=True)
         looks = self.look([(parsed[n], state_at(parsed[n], state)) for n, state in seen])
@@ -118,6 +110,36 @@ class ObservationSpec:
             return looks
         pictures[:] = looks
         return pictures
+
+    @property
+    def of_arrays(self) -> bool:
+        """Whether `look_together` makes the observations: not texts and pictures of full size."""
+        return self.observation == "vector" or (
+            self.observation == "image" and self.image_size != PICTURE_SIZE
+        )
+
+    def look_together(
+        self,
+        labyrinths: Labyrinths,
+        which: NDArray[np.int64],
+        states: NDArray[np.int64],
+        pictures: NDArray[np.uint8] | None = None,
+    ) -> NDArray[Any]:
+        """Return the observations of N states, given as arrays, shape (N, ...).
+
+        Args:
+            labyrinths: The labyrinths.
+            which: The index of each state's labyrinth, shape (N,).
+            states: The index of each state, as in `dynamics.state_index`, shape (N,).
+            pictures: Output array, shape (N, image_size, image_size, 3); None for a new one.
+        """
+        if self.observation == "vector":
+            return vector_observations(labyrinths, which, states)
+        wall_pixels, resize = RESIZES[self.resize]
+        size = self.image_size
+        return draw_many(
+            labyrinths, which, states, size, wall_pixels=wall_pixels, resize=resize, out=pictures
+        )
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
         """Return the observations of (labyrinth, state) pairs; pictures are drawn in batches."""
@@ -128,27 +150,103 @@ class ObservationSpec:
         wall_pixels, resize = RESIZES[self.resize]
         return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
-    def look_later(
-        self, views: Sequence[tuple[Labyrinth, State]], held_bytes: int = HELD_BYTES
-    ) -> NDArray[Any] | Looks:
-        """Return the observations, or lazy `Looks` if the pictures exceed `held_bytes`."""
-        large = self.observation == "image" and len(views) * 3 * self.image_size**2 > held_bytes
-        return Looks(self, views) if large else self.look(views)
-
 
 class Looks:
-    """Observations of states, made anew each time they are indexed."""
+    """Observations of states, made from the labyrinths each time they are indexed."""
 
-    def __init__(self, spec: ObservationSpec, views: Sequence[tuple[Labyrinth, State]]) -> None:
-        self._spec, self._views = spec, views
+    def __init__(
+        self,
+        spec: ObservationSpec,
+        labyrinths: Sequence[Labyrinth],
+        which: NDArray[np.int64],
+        states: NDArray[np.int64],
+    ) -> None:
+        """Collect the labyrinths of each look, which are drawn together.
+
+        Args:
+            spec: How the states are observed.
+            labyrinths: One or more labyrinths of one size and task.
+            which: The index of each state's labyrinth, shape (S,).
+            states: The index of each state in it, as in `dynamics.state_index`, shape (S,).
+        """
+        self._spec, self._labyrinths = spec, labyrinths
+        self._which, self._states = which, states
+        self._scenes: dict[int, KeptScenes] = {}
+        looks: dict[Look, list[int]] = {}
+        for number, each in enumerate(labyrinths if spec.of_arrays else []):
+            looks.setdefault(each.look, []).append(number)
+        self._group, self._place = np.zeros((2, len(labyrinths)), np.int64)
+        for group, numbers in enumerate(looks.values()):
+            self._group[numbers], self._place[numbers] = group, range(len(numbers))
+        self._alike = [
+            Labyrinths.of([labyrinths[number] for number in numbers]) for numbers in looks.values()
+        ]
 
     def __len__(self) -> int:
         """Return the number of states."""
-        return len(self._views)
+        return len(self._states)
 
-    def __getitem__(self, states: NDArray[np.int64]) -> NDArray[Any]:
-        """Return the observations of some states, shape (states, ...)."""
-        return self._spec.look([self._views[state] for state in states.tolist()])
+    def __getitem__(self, chosen: NDArray[np.int64]) -> NDArray[Any]:
+        """Return the observations of N states, shape (N, ...)."""
+        which, states = self._which[chosen], self._states[chosen]
+        if not self._alike:
+            pairs = zip(which.tolist(), states.tolist(), strict=True)
+            parsed = self._labyrinths
+            return self._spec.look([(parsed[n], state_at(parsed[n], state)) for n, state in pairs])
+        group, place = self._group[which], self._place[which]
+        parts = []
+        for number, alike in enumerate(self._alike):
+            there = np.flatnonzero(group == number)
+            if self._keeps:
+                seen = self._kept(number).draw(place[there], states[there])
+            else:
+                # Only the labyrinths that are shown: drawing takes time for each that it is given.
+                used, own = np.unique(place[there], return_inverse=True)
+                seen = self._spec.look_together(alike.take(used), own, states[there])
+            parts.append((there, seen))
+        if len(parts) == 1:
+            return seen
+        found = np.empty((len(states), *seen.shape[1:]), seen.dtype)
+        for there, seen in parts:
+            found[there] = seen
+        return found
+
+    @cached_property
+    def _keeps(self) -> bool:
+        """Whether the scenes of all labyrinths are kept once they are drawn."""
+        task = self._alike[0].task
+        if self._spec.observation != "image" or task is Task.PARTIAL_OBSERVABILITY:
+            return False
+        # At most a float64 and a byte for each channel of each pixel.
+        scenes = len(self._labyrinths) * KeptScenes.phases(task)
+        return scenes * 3 * self._spec.image_size**2 * 9 <= KEPT_BYTES
+
+    def _kept(self, number: int) -> KeptScenes:
+        """Return the scenes of the labyrinths of a look, which are drawn when first requested."""
+        if number not in self._scenes:
+            wall_pixels, resize = RESIZES[self._spec.resize]
+            self._scenes[number] = KeptScenes(
+                self._alike[number],
+                self._spec.image_size,
+                wall_pixels=wall_pixels,
+                resize=resize,
+            )
+        return self._scenes[number]
+
+    def held(self) -> NDArray[Any] | Looks:
+        """Return all observations as an array, or this object if they exceed `HELD_BYTES`."""
+        count, numbers = len(self), np.arange(len(self))
+        if self._spec.observation == "image" and count * 3 * self._spec.image_size**2 > HELD_BYTES:
+            return self
+        if not self._alike:
+            return self[numbers]
+        cells = self._alike[0].ice.shape[1]
+        together = max(1, min(self._spec.together, DRAWN_CELLS // cells))
+        first = self[numbers[:together]]
+        found = np.empty((count, *first.shape[1:]), first.dtype)
+        for begin in range(0, count, together):
+            found[begin : begin + together] = self[numbers[begin : begin + together]]
+        return found
 
 
 @lru_cache(maxsize=1)

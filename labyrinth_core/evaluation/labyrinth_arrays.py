@@ -6,8 +6,9 @@ from the column `info` and the actions; pictures are drawn, and equal those in `
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -22,8 +23,12 @@ from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables, tabulate
-from labyrinth_core.world.dynamics import STEP_LIMIT, State, initial, state_at, state_index
+from labyrinth_core.world.dynamics import STEP_LIMIT, initial, state_count, state_index
 from labyrinth_core.world.labyrinth import Labyrinth
+
+STATE_BYTES = 500
+"""The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
+bytes in 10,000 labyrinths of 5x5, 300 of 25x25 and 30 of 100x100, 114 of them in arrays."""
 
 Place = tuple[int, int]
 """The id of a labyrinth, and the index of a state in it as in `dynamics.state_index`."""
@@ -43,6 +48,9 @@ class LabyrinthArrays:
     (S,). More than 1 GiB of pictures is not held, but drawn whenever states are indexed."""
     labyrinth: NDArray[np.int64]
     """The index of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
+    state: NDArray[np.int64]
+    """The index of the state in its labyrinth, as in `dynamics.state_index`, ascending within each
+    labyrinth, shape (S,)."""
     position: NDArray[np.int64]
     """The agent's cell, shape (S,)."""
     terminal: NDArray[np.bool_]
@@ -77,8 +85,20 @@ class LabyrinthArrays:
     """How the states are observed."""
     cells: int
     """The number of cells of a labyrinth."""
-    places: Mapping[Place, int]
-    """The index of the state in each place, in ascending order."""
+
+    @cached_property
+    def places(self) -> Mapping[Place, int]:
+        """The index of the state in each place, in ascending order."""
+        ids, states = self.labyrinth_ids[self.labyrinth].tolist(), self.state.tolist()
+        return {place: index for index, place in enumerate(zip(ids, states, strict=True))}
+
+    def numbers_of(self, places: Sequence[Place]) -> NDArray[np.int64]:
+        """Return the index of the state in each of N places, shape (N,).
+
+        Raises:
+            DatasetError: A place cannot be reached from the start of its labyrinth.
+        """
+        return _numbers_of(places, self.labyrinth_ids, self.labyrinth, self.state)
 
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
@@ -98,17 +118,25 @@ def first_place(episode: LoadedEpisode) -> Place:
     return episode.labyrinth_id, state_index(labyrinth, initial(labyrinth))
 
 
-def number_of(place: Place, places: Mapping[Place, int]) -> int:
-    """Return the index of the state in a place.
-
-    Raises:
-        DatasetError: The place cannot be reached from the start.
-    """
-    if place not in places:
+def _numbers_of(
+    places: Sequence[Place],
+    ids: NDArray[np.int64],
+    labyrinth: NDArray[np.int64],
+    state: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """Return the index of the state in each place, given arrays of a `LabyrinthArrays`."""
+    index = {number: place for place, number in enumerate(ids.tolist())}
+    pairs = [(index.get(number, -1), place) for number, place in places]
+    asked = np.array(pairs, np.int64).reshape(-1, 2)
+    # One ascending number for each pair of a labyrinth and a state.
+    apart = int(max(state.max(), asked[:, 1].max(initial=0))) + 1
+    known, keys = labyrinth * apart + state, asked[:, 0] * apart + asked[:, 1]
+    found: NDArray[np.int64] = known.searchsorted(keys).clip(max=len(known) - 1)
+    for place in np.flatnonzero(known[found] != keys).tolist():
         raise DatasetError(
-            f"labyrinth {place[0]:016x}: an episode begins where the agent cannot get"
+            f"labyrinth {places[place][0]:016x}: an episode begins where the agent cannot get"
         )
-    return places[place]
+    return found
 
 
 def load_arrays(
@@ -144,16 +172,26 @@ def load_arrays(
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
     part = find_part(Wanted(source, config, split, revision, labyrinths, where))
-    for block in replayed(part.rows(pictures=False), part.config):
-        ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
-        for number, labyrinth in zip(ids, block.parsed(), strict=True):
-            held.setdefault(number, labyrinth)
-        for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
-            place = ids[block.which[first]], int(block.states[first])
-            episodes.append((place, rows.actions[first:last].copy()))
-    if not held:
-        raise DatasetError(f"split={split} has no episodes")
-    return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
+    try:
+        for block in replayed(part.rows(pictures=False), part.config):
+            ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
+            for number, labyrinth in zip(ids, block.parsed(), strict=True):
+                held.setdefault(number, labyrinth)
+            for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+                place = ids[block.which[first]], int(block.states[first])
+                episodes.append((place, rows.actions[first:last].copy()))
+        if not held:
+            raise DatasetError(f"split={split} has no episodes")
+        return _stack(list(held.values()), list(held), episodes, spec, hold=True)
+    except MemoryError as error:
+        count = sum(each.labyrinths for each in part.shards)
+        count = count if part.spans is None else len(part.spans[0])
+        needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
+        pictures = " and up to 1 GB of pictures" if observation == "image" else ""
+        raise DatasetError(
+            f"split={split}: the states of {count:,} labyrinths take about {needed / 1e9:,.1f} GB"
+            f"{pictures}, more than there is memory: give fewer labyrinths"
+        ) from error
 
 
 def of_the_learnt(
@@ -179,7 +217,7 @@ def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> Labyrin
     States are observed when they are indexed, since a policy sees few of those of large labyrinths.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    return _stack(labyrinths, ids, [], spec, lambda views: Looks(spec, views))
+    return _stack(labyrinths, ids, [], spec, hold=False)
 
 
 def _stack(
@@ -187,41 +225,61 @@ def _stack(
     ids: Sequence[int],
     episodes: Sequence[tuple[Place, NDArray[np.int64]]],
     spec: ObservationSpec,
-    observe: Callable[[Sequence[tuple[Labyrinth, State]]], NDArray[Any] | Looks],
+    *,
+    hold: bool,
 ) -> LabyrinthArrays:
-    tables = [tabulate(each) for each in labyrinths]
     parts: list[dict[str, NDArray[Any]]] = []
-    places: dict[Place, int] = {}
-    views: list[tuple[Labyrinth, State]] = []
     first: list[int] = []
-    for number, labyrinth, each in zip(ids, labyrinths, tables, strict=True):
-        states, count = _visitable(each), len(views)
-        places |= {(number, state): count + place for place, state in enumerate(states)}
-        views += [(labyrinth, state_at(labyrinth, state)) for state in states]
-        first.append(count + states.index(each.initial))
-        part = _columns(each, labyrinth.structure.cells, states, count)
-        parts.append(part | {"labyrinth": np.full(len(states), len(parts))})
-    joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    after, demonstrated = joined["next_state"].tolist(), np.zeros((len(views), 4), np.int64)
-    starts = [number_of(place, places) for place, _ in episodes]
-    for state, (_, actions) in zip(starts, episodes, strict=True):
-        for action in actions.tolist():
-            demonstrated[state, action] += 1
-            state = after[state][action]
+    distance: list[int] = []
+    count = 0
+    for number, labyrinth in enumerate(labyrinths):
+        tables = tabulate(labyrinth)
+        states = _visitable(tables)
+        first.append(count + states.index(tables.initial))
+        distance.append(int(tables.distances[tables.initial]))
+        part = _columns(tables, labyrinth.structure.cells, states, count)
+        parts.append(part | {"labyrinth": np.full(len(states), number), "state": np.array(states)})
+        count += len(states)
+    joined = {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+    which, state = joined["labyrinth"], joined["state"]
+    looks = Looks(spec, labyrinths, which, state)
+    starts = _numbers_of([place for place, _ in episodes], np.array(ids), which, state)
+    routes = tuple(actions for _, actions in episodes)
+    demonstrated = np.zeros((count, 4), np.int64)
+    for walked, actions in zip(walk(joined["next_state"], starts, routes), routes, strict=True):
+        np.add.at(demonstrated, (walked[:-1], actions), 1)
     return LabyrinthArrays(
-        observations=observe(views),
+        observations=looks.held() if hold else looks,
         demonstrated=demonstrated,
         initial=np.array(first),
-        distance=np.array([each.distances[each.initial] for each in tables]),
+        distance=np.array(distance),
         labyrinth_ids=np.array(ids, np.int64),
-        routes=tuple(actions for _, actions in episodes),
-        route_starts=np.array(starts, np.int64),
+        routes=routes,
+        route_starts=starts,
         labyrinths=tuple(labyrinths),
         spec=spec,
         cells=labyrinths[0].structure.cells,
-        places=places,
         **joined,
     )
+
+
+def walk(
+    next_state: NDArray[np.int64],
+    starts: NDArray[np.int64],
+    routes: Iterable[NDArray[np.int64]],
+) -> Iterator[NDArray[np.int64]]:
+    """Yield the T + 1 states that each route visits, shape (T + 1,).
+
+    Args:
+        next_state: The state that each action leads to, shape (S, 4).
+        starts: The state in which each route begins, shape (routes,).
+        routes: The T actions of each route, shape (T,).
+    """
+    for state, actions in zip(starts.tolist(), routes, strict=True):
+        states = [state]
+        for action in actions.tolist():
+            states.append(int(next_state[states[-1], action]))
+        yield np.array(states)
 
 
 def _visitable(tables: Tables) -> list[int]:

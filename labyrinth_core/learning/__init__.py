@@ -7,6 +7,7 @@ from labyrinth_core.learning.learner import BaseSettings as BaseSettings
 from labyrinth_core.learning.learner import Learner as Learner
 from labyrinth_core.learning.learner import Problem as Problem
 from labyrinth_core.learning.learner import setting as setting
+from labyrinth_core.learning.observations import Observations as Observations
 from labyrinth_core.learning.steps import Rollout as Rollout
 from labyrinth_core.learning.steps import Steps as Steps
 from labyrinth_core.learning.steps import roll_out as roll_out

@@ -20,9 +20,10 @@ from torch.optim import Adam
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.examples import ExampleSampler
+from labyrinth_core.learning.observations import Observations, parts_of
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.acting import outputs_of
+from labyrinth_core.policies.networks.acting import BATCH, outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, Network
 from labyrinth_core.policies.spec import NetworkSpec
 
@@ -71,8 +72,8 @@ class Problem:
 
     arrays: LabyrinthArrays
     """The labyrinths of the split train only."""
-    observations: Tensor
-    """The observations of `arrays`, on the device, shape (S, ...)."""
+    observations: Observations
+    """Returns the observations of states of `arrays`, on the device."""
     demonstrations: Steps
     exploration: Callable[[], Steps]
     """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
@@ -193,12 +194,23 @@ class Learner(ABC):
 
     def see(self, *states: NDArray[np.int64]) -> Tensor:
         """Return the observations of states; of several arrays, concatenated on the last axis."""
-        seen = self.problem.observations  # Indexing by [] is ten times slower.
-        return torch.cat([seen.index_select(0, self.tensor(each)) for each in states], -1)
+        return torch.cat([self.problem.observations[each] for each in states], -1)
 
-    def outputs(self, network: nn.Module) -> Tensor:
-        """Return a network's outputs for all states, in evaluation mode, shape (S, outputs)."""
-        return outputs_of(network, self.problem.observations)
+    def outputs(self, network: nn.Module, *states: NDArray[np.int64]) -> Tensor:
+        """Return a network's outputs in evaluation mode, shape (N, outputs).
+
+        Args:
+            network: The network.
+            states: The numbers of N states, shape (N,); several arrays for a network that sees
+                several states at once. None for all states.
+        """
+        given = states or (np.arange(len(self.problem.observations)),)
+        return torch.cat(
+            [
+                outputs_of(network, self.see(*(each[part] for each in given)))
+                for part in parts_of(len(given[0]), BATCH)
+            ]
+        )
 
     def batches(self, count: int) -> list[NDArray[np.int64]]:
         """Return the numbers from 0 to `count` - 1 in random order, split into batches."""

@@ -12,7 +12,8 @@ from torch import Tensor, nn
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, number_of
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, walk
+from labyrinth_core.learning.observations import Observations, parts_of
 from labyrinth_core.policies.networks.network import MOMENTUM, double
 
 SETTLED_BY = 256
@@ -71,7 +72,7 @@ def load_steps(
         DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
     """
     known = set(arrays.labyrinth_ids.tolist())
-    found = []
+    places, routes = [], []
     for episode in load_episodes(
         source,
         config,
@@ -84,11 +85,14 @@ def load_steps(
             raise DatasetError(
                 f"split={split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
-        states = [number_of(first_place(episode), arrays.places)]
-        for action in episode.actions.tolist():
-            states.append(int(arrays.next_state[states[-1], action]))
-        found.append((np.array(states[:-1]), episode.actions, np.array(states[1:])))
-    return Steps(*map(np.concatenate, zip(*found, strict=True)))
+        places.append(first_place(episode))
+        routes.append(episode.actions)
+    walked = list(walk(arrays.next_state, arrays.numbers_of(places), routes))
+    return Steps(
+        np.concatenate([states[:-1] for states in walked]),
+        np.concatenate(routes),
+        np.concatenate([states[1:] for states in walked]),
+    )
 
 
 def softmax(scores: Tensor) -> NDArray[np.float64]:
@@ -97,7 +101,7 @@ def softmax(scores: Tensor) -> NDArray[np.float64]:
     return table
 
 
-def settle(network: nn.Module, observations: Tensor) -> None:
+def settle(network: nn.Module, observations: Observations) -> None:
     """Compute batch normalisation's running statistics, and switch to evaluation mode.
 
     For methods that train in evaluation mode, where the statistics of a fresh network would keep
@@ -109,8 +113,8 @@ def settle(network: nn.Module, observations: Tensor) -> None:
         layer.momentum = None  # The mean over all batches, weighted equally.
     network.train()
     with torch.no_grad():
-        for batch in observations.split(SETTLED_BY):
-            network(batch)
+        for states in parts_of(len(observations), SETTLED_BY):
+            network(observations[states])
     for layer in normalising:
         layer.momentum = MOMENTUM
     network.eval()

@@ -7,7 +7,7 @@ which loading, environments and evaluation use, are drawn faster here.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -212,9 +212,52 @@ def draw_states(
     return pictures
 
 
+class KeptScenes:
+    """Draws states as `draw_many` does, and keeps the scenes of all labyrinths.
+
+    The scene of a large labyrinth takes much longer than the agent in it: at 100x100 20 ms. Under
+    partial observability each state has a scene of its own, so they are not kept.
+    """
+
+    def __init__(
+        self,
+        labyrinths: Labyrinths,
+        image_size: int,
+        *,
+        wall_pixels: int | None = None,
+        resize: str = "area",
+    ) -> None:
+        """Draw the scenes; the arguments are those of `draw_many`."""
+        structures = labyrinths.structures
+        shape = structures.height, structures.width
+        self._size, self._cells = image_size, structures.height * structures.width
+        self._phases = self.phases(labyrinths.task)
+        self._tiles = labyrinths.tiles
+        which, phase = np.divmod(np.arange(len(labyrinths) * self._phases), self._phases)
+        vectors = initial_vectors(structures, labyrinths.tiles, labyrinths.ice)
+        scenes = Scenes(*shape, labyrinths.task, vectors[which], phase > 0, phase > 1)
+        style = style_for(labyrinths.look, *shape, wall_pixels)
+        self._backdrops = list(backdrops_of(scenes, image_size, style, resize))
+
+    @staticmethod
+    def phases(task: Task) -> int:
+        """Return the number of scenes of a labyrinth: more than one if a key or door vanishes."""
+        return 3 if task is Task.KEY_AND_DOOR else 1
+
+    def draw(self, which: Numbers, states: Numbers) -> Pictures:
+        """Return the pictures of N states; the arguments are those of `draw_many`."""
+        phase, agents = np.divmod(states, self._cells)
+        gone = phase
+        if self._phases > 1:  # An agent on the key's cell hides the key.
+            gone = np.maximum(phase, agents == self._tiles[which, 2])
+        pictures = np.empty((len(states), self._size, self._size, 3), np.uint8)
+        _fill(pictures, self._backdrops, which * self._phases + gone, agents, phase == 1)
+        return pictures
+
+
 def _fill(
     pictures: Pictures,
-    backdrops: Iterator[tuple[int, Backdrops]],
+    backdrops: Iterable[tuple[int, Backdrops]],
     scene: Numbers,
     agents: Numbers,
     with_key: Mask,
@@ -225,6 +268,8 @@ def _fill(
     for first, some in backdrops:
         part = slice(*np.searchsorted(ascending, [first, first + len(some)]))
         places = order[part]
+        if not len(places):
+            continue
         in_order = (np.diff(places) == 1).all()
         drawn = pictures[places[0] :][: len(places)] if in_order else pictures[places]
         some.draw(drawn, ascending[part] - first, agents[places], with_key[places])

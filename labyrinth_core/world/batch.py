@@ -83,6 +83,20 @@ class Labyrinths:
     ice: NDArray[np.bool_]
     """Whether there is ice in each cell, shape (n, cells)."""
 
+    @classmethod
+    def of(cls, labyrinths: Sequence[Labyrinth]) -> Labyrinths:
+        """Collect one or more labyrinths of the same size, task and look."""
+        structures = Structures.of([each.structure for each in labyrinths])
+        tiles = [
+            [cell for cell in (each.start, each.goal, each.key, each.door) if cell is not None]
+            for each in labyrinths
+        ]
+        ice = np.zeros(structures.up.shape, np.bool_)
+        for row, each in zip(ice, labyrinths, strict=True):
+            row[list(each.ice)] = True
+        first = labyrinths[0]
+        return cls(structures, first.task, first.look, np.array(tiles, np.int64), ice)
+
     def __len__(self) -> int:
         return len(self.tiles)
 

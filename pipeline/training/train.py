@@ -24,6 +24,7 @@ from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
@@ -49,6 +50,10 @@ from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
+
+TRIED = 1_000
+"""The largest number of labyrinths of train, and of validation, that evaluations during training
+play; of 1,000, a success rate has a standard error of at most 1.6 percentage points."""
 
 
 def refuse(job: Job[TrainOptions]) -> None:
@@ -192,21 +197,25 @@ def loader_of(
 ) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split with the run's observation, or with another one.
 
-    The function takes the split and, optionally, the observation. If the run learns from the first
-    labyrinths of train only, it loads only these of each split that is derived from train: the
-    others have structures that are new to the policy.
+    The function takes the split and, optionally, the observation, and the number of labyrinths, the
+    first ones, if not all are needed. If the run learns from the first labyrinths of train only, it
+    loads only these of each split that is derived from train: the others have structures that are
+    new to the policy.
     """
     options = job.options
 
-    def load(split: str, observation: str = options.observation) -> LabyrinthArrays:
+    def load(
+        split: str, observation: str = options.observation, first: int | None = None
+    ) -> LabyrinthArrays:
         place, learnt = (source_of(job), job.dataset.name, split), options.train_labyrinths
+        some = {} if first is None else {"labyrinths": first}
         return load_arrays(
             *place,
             observation=observation,
             image_size=image_size,
             resize=PROTOCOLS[options.protocol].resize,
             revision=options.revision,
-            **of_the_learnt(*place, learnt, options.revision),
+            **(of_the_learnt(*place, learnt, options.revision) | some),
         )
 
     return load
@@ -227,8 +236,17 @@ def prepare(
     train = loader_of(job)("train")
     size = method.image_size(spec, settings, spec.height, spec.width)
     load = loader_of(job, size)
-    seen = train if size == DEFAULT_IMAGE_SIZE else load("train")
-    splits = {"train": seen, "validation": load("validation")}
+    shards = manifest_of(job).of("validation")
+    counts = {"train": len(train.initial), "validation": sum(each.labyrinths for each in shards)}
+    limited = [split for split, count in counts.items() if count > TRIED]
+    if limited:
+        most = f"the first {TRIED:,} labyrinths of {' and '.join(limited)}"
+        say(f"Evaluations during training play {most}.")
+    whole = size == DEFAULT_IMAGE_SIZE and "train" not in limited
+    splits = {
+        split: train if whole and split == "train" else load(split, first=min(count, TRIED))
+        for split, count in counts.items()
+    }
     part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
 
     def exploration() -> Steps:
@@ -240,7 +258,7 @@ def prepare(
 
     problem = Problem(
         arrays=train,
-        observations=torch.tensor(train.observations, device=device),
+        observations=Observations(train.observations, device),
         demonstrations=load_steps(source, config, "train", train, **part),
         exploration=exploration,
         spec=spec,

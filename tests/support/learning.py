@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training import checkpoint
@@ -41,7 +42,7 @@ def problem_of(small_dataset: Run) -> Callable[..., Problem]:
         torch.manual_seed(seed)
         problem = Problem(
             arrays=arrays[encoder],
-            observations=torch.tensor(arrays[encoder].observations),
+            observations=Observations(arrays[encoder].observations, "cpu"),
             demonstrations=demonstrations,
             exploration=lambda: exploration,
             spec=NetworkSpec(encoder, 3, 3, "navigation"),

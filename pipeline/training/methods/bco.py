@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.steps import roll_out, softmax
-from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import ACTIONS, double
 
 
@@ -87,9 +86,9 @@ class Method(Learner):
         states, actions, after = self.experience.T
         for _ in range(self.settings.model_epochs):
             self.model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
-        demonstrations = self.problem.demonstrations
-        pairs = self.see(demonstrations.states, demonstrations.next_states)
-        self.scores = double(outputs_of(self.model, pairs)).cpu().numpy()
+        shown = self.problem.demonstrations
+        outputs = self.outputs(self.model, shown.states, shown.next_states)
+        self.scores = double(outputs).cpu().numpy()
 
     def labels(self) -> NDArray[np.int64]:
         """Return an action for each state pair of the demonstrations, shape (N,)."""

@@ -147,12 +147,11 @@ class Method(Learner):
     def look(self, states: NDArray[np.int64]) -> list[Slots]:
         """Return the slots of the pictures of states."""
         arrays = self.problem.arrays
-        places = [place for _, place in arrays.places]
         spec = ObservationSpec("image", PICTURE_SIZE, draw=True)
         found = []
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
-            view = (labyrinth, state_at(labyrinth, places[state]))
+            view = (labyrinth, state_at(labyrinth, int(arrays.state[state])))
             found.append(slots_of(spec.look([view])[0]))
         return found
 

@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
 from labyrinths_of_datasets import CONFIGS, labyrinths_of
 
+from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.observations import Looks
+from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
-from labyrinth_core.world.dynamics import initial, is_terminal, reward, transition
+from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.world.dynamics import initial, is_terminal, reward, state_at, transition
+from labyrinth_core.world.labyrinth import Look
 from labyrinth_core.world.solver import shortest_routes
 
 
@@ -89,16 +96,45 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
             state = arrays.next_state[state, action]
 
 
-def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(datasets):
-    spec = load_arrays(datasets, "3x4", "test", image_size=32).spec
-    views = [(each, initial(each)) for each in labyrinths_of(datasets, "3x4", "test").values()]
-    held = spec.look_later(views)
-    assert isinstance(spec.look_later(views, held.nbytes), np.ndarray)
-    drawn = spec.look_later(views, held.nbytes - 1)
+@pytest.mark.parametrize("config", CONFIGS.values())
+@pytest.mark.parametrize(("size", "kept"), [(32, 2**28), (32, 0), (PICTURE_SIZE, 2**28)])
+def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
+    datasets, config, size, kept, monkeypatch
+):
+    monkeypatch.setattr(observations, "KEPT_BYTES", kept)
+    load = partial(load_arrays, datasets, config, "test", image_size=size)
+    held = load().observations
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes)
+    assert isinstance(load().observations, np.ndarray)
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    drawn = load().observations
     assert isinstance(drawn, Looks)
     assert len(drawn) == len(held)
     states = np.arange(len(held))[::-2]
     np.testing.assert_array_equal(drawn[states], held[states])
+    assert drawn[states[:0]].shape == held[:0].shape
+
+
+@pytest.mark.parametrize("observation", observations.OBSERVATIONS)
+def test_labyrinths_of_several_looks_are_each_drawn_in_their_own(datasets, observation):
+    labyrinths = list(labyrinths_of(datasets, "3x4", "test").values())
+    labyrinths = [*labyrinths, *(replace(each, look=Look.RECOLOURED) for each in labyrinths)]
+    arrays = as_arrays(labyrinths[::2] + labyrinths[1::2], ObservationSpec(observation, 32, True))
+    seen = arrays.observations[np.arange(len(arrays.state))[::-1]][::-1]
+    for place, labyrinth in enumerate(arrays.labyrinths):
+        for index in np.flatnonzero(arrays.labyrinth == place).tolist():
+            view = labyrinth, state_at(labyrinth, int(arrays.state[index]))
+            np.testing.assert_array_equal(seen[index], arrays.spec.look([view])[0])
+
+
+def test_a_place_is_the_number_of_a_state(datasets):
+    arrays = load_arrays(datasets, "3x4-key_and_door", "test", observation="vector")
+    places = list(arrays.places)[::-1]
+    assert arrays.numbers_of(places).tolist() == list(range(len(places)))[::-1]
+    number, _ = places[0]
+    for wrong in [(number, 999), (number + 1, 0)]:
+        with pytest.raises(DatasetError, match=r"begins where the agent cannot get"):
+            arrays.numbers_of([places[1], wrong])
 
 
 @pytest.mark.parametrize("split", BASE_SPLITS)
@@ -129,6 +165,21 @@ def test_what_cannot_be_loaded_is_said_in_one_line(datasets, arguments, message)
     with pytest.raises((ValueError, DatasetError), match=message) as error:
         load_arrays(**values)
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(("some", "count"), [({}, 5), ({"labyrinths": 2}, 2)])
+def test_too_little_memory_for_the_states_is_said_with_how_much_they_take(
+    datasets, some, count, monkeypatch
+):
+    def exhausted(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(labyrinth_arrays, "tabulate", exhausted)
+    monkeypatch.setattr(labyrinth_arrays, "STATE_BYTES", 10**9)
+    needed = f"{12 * count:.1f} GB and up to 1 GB of pictures"
+    told = f"split=test: the states of {count} labyrinths take about {needed}, more than there is"
+    with pytest.raises(DatasetError, match=told):
+        load_arrays(datasets, "3x4", "test", **some)
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())

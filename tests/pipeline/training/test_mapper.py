@@ -86,6 +86,8 @@ def labyrinths_of(height: int, width: int, count: int = 10) -> list[Labyrinth]:
 class Drawing:
     """Draws states of labyrinths in a style."""
 
+    of_arrays = False
+
     def __init__(self, style: Style | None) -> None:
         self.style = style
 

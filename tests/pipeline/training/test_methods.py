@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, fields
+from dataclasses import asdict, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,10 @@ import torch
 from learning import equal_weights, states_seen_by
 from torch import nn
 
+from labyrinth_core.data.observations import Looks
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import METHODS
@@ -81,6 +83,25 @@ def test_the_same_seed_gives_the_same_weights_and_a_checkpoint_goes_on(
 ) -> None:
     encoder = "cnn" if name == "planner" else "mlp"
     require_reproducible(lambda seed: hasty(name, problem_of(seed, encoder)))
+
+
+@pytest.mark.parametrize("name", [*TOYS, *OTHERS])
+def test_pictures_that_are_drawn_when_they_are_asked_for_teach_what_held_ones_do(
+    name: str, problem_of: Problems
+) -> None:
+    def trained(held: bool) -> Learner:
+        problem = problem_of(encoder="cnn")
+        arrays = problem.arrays
+        if not held:
+            looks = Looks(arrays.spec, arrays.labyrinths, arrays.labyrinth, arrays.state)
+            problem = replace(problem, observations=Observations(looks, "cpu"))
+        learner = hasty(name, problem)
+        for _ in range(2):
+            learner.epoch()
+        return learner
+
+    held, drawn = trained(True), trained(False)
+    assert equal_weights(held.policy.state_dict(), drawn.policy.state_dict())
 
 
 @ALL

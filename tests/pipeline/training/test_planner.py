@@ -97,7 +97,8 @@ def test_costs_of_cells_are_sharpened_and_those_of_parts_of_cells_are_not(
     )
     scores = [each.outputs(each.policy) for each in (plain, sharp)]
     assert torch.equal(*scores) == (not grid_prior)
-    training = [each.policy.train()(problem.observations) for each in (plain, sharp)]
+    pictures = problem.observations[np.arange(len(problem.observations))]
+    training = [each.policy.train()(pictures) for each in (plain, sharp)]
     assert torch.equal(*training)
 
 

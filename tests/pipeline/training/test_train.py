@@ -18,6 +18,7 @@ import torch
 from making import Run
 
 import pipeline.training
+from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
@@ -334,3 +335,48 @@ def test_a_run_on_the_first_labyrinths_is_one_on_a_dataset_that_has_no_others(
     assert histories[0] == histories[1] != histories[2]
     assert first.training_folder.name == "bco-mlp-seed0-labyrinths3"
     assert record_of(first)["run"]["train_labyrinths"] == 3
+
+
+# Many labyrinths.
+
+
+@pytest.mark.parametrize("observation", ["image", "vector"])
+def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them(
+    observation: str, run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
+    held, drawn = run_of("held", **seen), run_of("drawn", **seen)
+    train.run(held)
+    monkeypatch.setattr(observations, "HELD_BYTES", 0)
+    train.run(drawn)
+    assert weights_of(held) == weights_of(drawn)
+    rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
+    assert rates[0] == rates[1]
+    judged = [judge_trained(run).results.splits for run in (held, drawn)]
+    for split, scores in judged[0].items():
+        assert scores.figures() == judged[1][split].figures()
+
+
+def test_evaluations_during_training_play_the_first_labyrinths_of_many(
+    run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def rates(run: Run) -> list[float]:
+        return [
+            row[f"{split}_sr"]
+            for row in record_of(run)["history"]
+            if "train_sr" in row
+            for split in ("train", "validation")
+        ]
+
+    most = run_of("all")
+    train.run(most)
+    assert "Evaluations during training" not in capsys.readouterr().out
+    monkeypatch.setattr(train, "TRIED", 3)
+    few = run_of("few", method={"evaluate_every": 1})
+    train.run(few)
+    said = "Evaluations during training play the first 3 labyrinths of train and validation."
+    assert said in " ".join(capsys.readouterr().out.split())
+    assert len(rates(few)) == 6
+    assert {round(3 * rate, 6) % 1 for rate in rates(few)} == {0}
+    losses = [[row["loss"] for row in record_of(run)["history"]] for run in (most, few)]
+    assert losses[0] == losses[1]

@@ -16,7 +16,6 @@ from torch import Tensor, nn
 
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import softmax
-from labyrinth_core.policies.networks.acting import outputs_of
 from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
 from labyrinth_core.policies.spec import NetworkSpec
 
@@ -59,7 +58,7 @@ class Method(AuthorsLearner):
         states, actions, after = self.experience.T
         model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
         shown = self.problem.demonstrations
-        scores = outputs_of(self.model, self.see(shown.states, shown.next_states))
+        scores = self.outputs(self.model, shown.states, shown.next_states)
         loss = self.learn(softmax(scores))
         self.epochs += 1
         if self.epochs % self.settings.evaluate_every == 0:
