@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter, Wanted, derived_from, find_part
+from labyrinth_core.data.dataset import Filter, Query, Source, derived_from
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
@@ -141,9 +141,15 @@ def load_arrays(
         DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
+    return arrays_in(query, spec)
+
+
+def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
+    """Return the labyrinths that a query requests as arrays; see `load_arrays`."""
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = find_part(Wanted(source, config, split, revision, labyrinths, where))
+    part = query.part()
     for block in replayed(part.rows(pictures=False), part.config):
         ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
         for number, labyrinth in zip(ids, block.parsed(), strict=True):
@@ -152,7 +158,7 @@ def load_arrays(
             place = ids[block.which[first]], int(block.states[first])
             episodes.append((place, rows.actions[first:last].copy()))
     if not held:
-        raise DatasetError(f"split={split} has no episodes")
+        raise DatasetError(f"split={query.split} has no episodes")
     return _stack(list(held.values()), list(held), episodes, spec, spec.look_later)
 
 
