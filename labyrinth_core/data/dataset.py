@@ -200,6 +200,10 @@ class Source:
         self._commit = self._snapshot.parent.name
         return self._commit
 
+    def require_unchanged(self) -> None:
+        """Raise DatasetError if the dataset was replaced since its manifest was read."""
+        require_unchanged(self.source, self.config, self.manifest.fingerprint, self._commit)
+
 
 @dataclass(frozen=True, eq=False)
 class Query:

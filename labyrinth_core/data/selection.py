@@ -94,7 +94,8 @@ def chosen(
         group.filter(pc.field("split") == split)
         for group in table_groups(folder, manifest, sorted(read))
     )
-    for where, keep in steps:
+    for number, (where, keep) in enumerate(steps):
+        of = "the selection" if number else f"split={split}"
         if where is not None:
             try:
                 table = table.filter(where)
@@ -104,13 +105,13 @@ def chosen(
                     f"where={where}: {reason}; the columns of {TABLE} are {', '.join(names)}"
                 ) from error
             if not len(table):
-                raise ValueError(f"where={where}: split={split} has no such labyrinth")
+                raise ValueError(f"where={where}: {of} has no such labyrinth")
         if isinstance(keep, np.ndarray):
             table = table.take(keep)
         elif keep is not None:
             filtered = "" if where is None else f" where {where}"
             count = len(table)
-            held = f"a whole number from 1 to {count}, as many as split={split} has{filtered}"
+            held = f"a whole number from 1 to {count}, as many as {of} has{filtered}"
             table = table.slice(0, whole("labyrinths", keep, 1, count, allowed=held))
     found = (pc.fill_null(table[name], -1) for name in columns)
     return [column.to_numpy().astype(np.int64) for column in found]
