@@ -1,19 +1,23 @@
 """Labyrinths for imitation learning: environments, datasets, and policy evaluation.
 
-    from labyrinth_core import load_transitions
+    from labyrinth_core import Dataset
 
-    transitions = load_transitions("data/labyrinth", "5x5", split="train")
+    transitions = Dataset("data/labyrinth", "5x5")["train"].transitions()
 
 Each public name is imported on first use, so `import labyrinth_core` is fast and needs only NumPy.
 """
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from labyrinth_core.notebooks import register as _register
 from labyrinth_core.version import __version__ as __version__
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.benchmarks.certification import certify as certify
+    from labyrinth_core.data.datasets import Dataset as Dataset
+    from labyrinth_core.data.datasets import Selection as Selection
     from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.load import load_episodes as load_episodes
     from labyrinth_core.data.load import load_transitions as load_transitions
@@ -43,12 +47,14 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
 
 _HOMES = {
     "Action": "world.dynamics",
+    "Dataset": "data.datasets",
     "DatasetError": "data.errors",
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
     "LabyrinthError": "world.labyrinth",
     "LabyrinthSyntaxError": "language.source_text",
     "PolicyError": "evaluation.answers",
+    "Selection": "data.datasets",
     "Structure": "world.labyrinth",
     "Task": "world.labyrinth",
     "certify": "benchmarks.certification",
@@ -72,6 +78,10 @@ _HOMES = {
 """Public name -> the module of this package that defines it."""
 
 __all__ = [*_HOMES]
+
+
+if "IPython" in sys.modules:
+    _register(sys.modules["IPython"].get_ipython())
 
 
 def __getattr__(name: str) -> Any:

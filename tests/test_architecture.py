@@ -37,7 +37,8 @@ ROOMS = {
     "labyrinth_core.language": of_library("world"),
     "labyrinth_core.pictures": of_library("world"),
     "labyrinth_core.env": of_library("world", "language", "pictures"),
-    "labyrinth_core.data": of_library("world", "language", "pictures"),
+    # A selection of a dataset makes the environment of its labyrinths.
+    "labyrinth_core.data": of_library("world", "language", "pictures", "env"),
     "labyrinth_core.evaluation": of_library("world", "language", "pictures", "data"),
     "labyrinth_core.policies": of_library("world", "language", "pictures", "data", "evaluation"),
     "labyrinth_core.learning": of_library("world", "pictures", "data", "evaluation", "policies"),
@@ -115,6 +116,7 @@ HOMES = {
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",
+        "labyrinth_core.data.datasets",
         "labyrinth_core.benchmarks.making",
         "pipeline.export.minari",
     ),

@@ -36,11 +36,9 @@ class Certificate(Figures):
         """The certificate as a Markdown section."""
         return wording.markdown(self)
 
-    def __str__(self) -> str:
-        return wording.text(self)
-
     def __repr__(self) -> str:
-        return f"<Certificate of {self.environment}>"
+        """Return all figures as text."""
+        return wording.text(self)
 
     @property
     def records(self) -> bytes:

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,7 @@ from labyrinth_core.data.manifest import (
 )
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
-from labyrinth_core.data.selection import Spans, ends_of, select
+from labyrinth_core.data.selection import Spans, Step, ends_of, select
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 
 if TYPE_CHECKING:
@@ -58,7 +58,7 @@ class Part:
     """The dataset's config, if known, which `replayed` checks labyrinths against."""
     place: RemotePath | None = None
     """Remote folder of the shards that `folder` lacks; None if it has all that are required."""
-    wanted: Wanted | None = None
+    query: Query | None = None
     """The request for this part; `units` may need it to read the table."""
 
     def __len__(self) -> int:
@@ -158,9 +158,8 @@ class Part:
     @cached_property
     def _all(self) -> Spans:
         """All labyrinths of the split, from the table of labyrinths."""
-        assert self.wanted is not None
-        whole = replace(self.wanted, labyrinths=None, where=None)
-        return whole.spans(Manifest.read(whole.locate([])))
+        assert self.query is not None
+        return replace(self.query, steps=()).spans
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Check and open a shard; see `rows.opened`."""
@@ -170,52 +169,85 @@ class Part:
         return opened_in_place(self.place / shard.path, shard)
 
 
-@dataclass(frozen=True)
-class Wanted:
-    """A request for a split or a part of it; see `load.load_episodes` for the fields."""
+class Source:
+    """A dataset in a folder or on the Hub, which is located when something of it is needed."""
 
-    source: str | Path
-    config: str
-    split: str
-    revision: str | None
-    labyrinths: int | None
-    where: Filter | None
+    def __init__(self, source: str | Path, config: str, revision: str | None = None) -> None:
+        self.source, self.config, self.revision = source, config, revision
+        self._commit = revision
+        self._snapshot: Path | None = None
+
+    @cached_property
+    def local(self) -> AnyPath | None:
+        """The folder of the dataset, which may be remote; None for an id on the Hub."""
+        return local_folder(self.source, self.config, self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
-        """Return the folder with the manifest and other files; see `locate`."""
-        return locate(self.source, self.config, files, self.revision)
+        """Return the folder with the manifest and the files that match; see `locate`."""
+        if self.local is not None:
+            return self.local
+        self._snapshot = _download(str(self.source), self.config, files, self._commit)
+        return self._snapshot
 
-    def spans(self, manifest: Manifest) -> Spans:
-        """Return the rows of the requested labyrinths; see `select`."""
-        return select(self.locate([TABLE]), manifest, self.split, self.labyrinths, self.where)
+    @cached_property
+    def manifest(self) -> Manifest:
+        """The manifest, which is read once."""
+        return Manifest.read(self._snapshot or self.locate([]))
+
+    def pin(self) -> str:
+        """Return the commit on the Hub that was read last, from which all else is read, too."""
+        assert self._snapshot is not None
+        self._commit = self._snapshot.parent.name
+        return self._commit
+
+    def require_unchanged(self) -> None:
+        """Raise DatasetError if the dataset was replaced since its manifest was read."""
+        require_unchanged(self.source, self.config, self.manifest.fingerprint, self._commit)
 
 
-def find_part(wanted: Wanted, *, in_place: bool = False) -> Part:
-    """Return a split or a part of it; only the shards that it needs are downloaded from the Hub.
+@dataclass(frozen=True, eq=False)
+class Query:
+    """A request for a split, or for some labyrinths of it."""
 
-    Args:
-        wanted: The request.
-        in_place: Whether to read shards on the Hub remotely instead of downloading them.
+    dataset: Source
+    split: str
+    steps: tuple[Step, ...] = ()
+    """How labyrinths are chosen, one step after the other; none for the whole split."""
 
-    Raises:
-        ValueError, DatasetError: As for `load.load_episodes`.
-    """
-    some = wanted.labyrinths is not None or wanted.where is not None
-    folder = wanted.locate([] if some or in_place else [f"{wanted.split}-*.parquet"])
-    manifest = Manifest.read(folder)
-    part = Part(folder, manifest.of(wanted.split), config=manifest.config, wanted=wanted)
-    if some:
-        spans = wanted.spans(manifest)
-        if spans[1].sum() < len(part):
-            part = replace(part, spans=spans)
-        if not in_place:
-            held = zip(part.shards, part.counts(), strict=True)
-            part = replace(part, folder=wanted.locate([s.path for s, rows in held if rows]))
-    if in_place and local_folder(wanted.source, wanted.config, wanted.revision) is None:
-        commit = folder.parent.name  # Later reads use the same commit.
-        place = RemotePath(f"hf://datasets/{wanted.source}@{commit}/{wanted.config}")
-        part = replace(part, place=place, wanted=replace(wanted, revision=commit))
-    return part
+    def filter(self, where: Filter | None = None, *, labyrinths: int | None = None) -> Self:
+        """Return a request for some of these labyrinths; see `load.load_episodes`."""
+        if where is None and labyrinths is None:
+            return self
+        return replace(self, steps=(*self.steps, Step(where, labyrinths)))
+
+    @cached_property
+    def spans(self) -> Spans:
+        """The rows of the requested labyrinths; see `select`."""
+        return select(self.dataset.locate([TABLE]), self.dataset.manifest, self.split, self.steps)
+
+    def part(self, *, in_place: bool = False) -> Part:
+        """Return the split or part; only the shards that it needs are downloaded from the Hub.
+
+        Args:
+            in_place: Whether to read shards on the Hub remotely instead of downloading them.
+
+        Raises:
+            ValueError, DatasetError: As for `load.load_episodes`.
+        """
+        dataset = self.dataset
+        folder = dataset.locate([] if self.steps or in_place else [f"{self.split}-*.parquet"])
+        manifest = dataset.manifest
+        part = Part(folder, manifest.of(self.split), config=manifest.config, query=self)
+        if self.steps:
+            if self.spans[1].sum() < len(part):
+                part = replace(part, spans=self.spans)
+            if not in_place:
+                held = zip(part.shards, part.counts(), strict=True)
+                part = replace(part, folder=dataset.locate([s.path for s, rows in held if rows]))
+        if in_place and dataset.local is None:
+            place = RemotePath(f"hf://datasets/{dataset.source}@{dataset.pin()}/{dataset.config}")
+            part = replace(part, place=place)
+        return part
 
 
 def locate(

@@ -28,7 +28,7 @@ from labyrinth_core.data.cache import (
     name_of,
     user_folder,
 )
-from labyrinth_core.data.dataset import Filter, Part, Wanted, find_part
+from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
@@ -220,15 +220,26 @@ def load_transitions(  # noqa: D417
         DatasetError: As for `load_episodes`, or the split has no episode, or the cache would
             exceed its limit.
     """
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
     spec = ObservationSpec(observation, image_size, draw, resize)
+    return transitions_in(query, spec, cache_dir, optimal=optimal)
+
+
+def transitions_in(
+    query: Query,
+    spec: ObservationSpec,
+    cache_dir: str | Path | bool | None = True,
+    *,
+    optimal: bool = False,
+) -> Transitions:
+    """Return all transitions that a query requests; see `load_transitions`."""
     named = isinstance(cache_dir, str) and cache_dir.strip()
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
-    part = find_part(wanted)
+    part = query.part()
     found = None
-    if observation == "image" and cache_dir is not None and cache_dir is not False:
-        found = _cached(cache_dir, split, part, spec)
+    if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
+        found = _cached(cache_dir, query.split, part, spec)
     if found is None:
         found = _in_memory(part, spec)
     if not optimal:
@@ -251,12 +262,11 @@ def _cached(
         return Transitions(**cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
-        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=3)
+        warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
         return None
 
 
 def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
-    part.require_sizes()
     part.require_sizes()
     # Making pictures part by part and concatenating them would take twice as long.
     pictures = _frames(len(part), spec.image_size) if spec.observation == "image" else None
@@ -348,9 +358,13 @@ def load_episodes(
         ValueError: An argument has a value that is not allowed.
         DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
-    spec = ObservationSpec(observation, image_size, draw, resize)
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
-    part = find_part(wanted)
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
+    return episodes_in(query, ObservationSpec(observation, image_size, draw, resize))
+
+
+def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]:
+    """Yield the episodes that a query requests, in order; see `load_episodes`."""
+    part = query.part()
     return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
 
 

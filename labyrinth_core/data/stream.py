@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter, Part, Wanted, find_part
+from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.load import Transition, episodes_of
 from labyrinth_core.data.observations import ObservationSpec
@@ -372,8 +372,13 @@ def stream_episodes(  # noqa: D417
     """
     order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
-    return Stream(find_part(wanted, in_place=True), spec, _whole_episodes, order)
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
+    return episode_stream(query, spec, order)
+
+
+def episode_stream(query: Query, spec: ObservationSpec, order: Order) -> Stream[LoadedEpisode]:
+    """Return a stream of the episodes that a query requests; see `stream_episodes`."""
+    return Stream(query.part(in_place=True), spec, _whole_episodes, order)
 
 
 def stream_transitions(
@@ -396,5 +401,10 @@ def stream_transitions(
     """Return a stream of the transitions of a split; see `stream_episodes`."""
     order = Order.of(shuffle, seed, rank, world_size)
     spec = ObservationSpec(observation, image_size, draw, resize)
-    wanted = Wanted(source, config, split, revision, labyrinths, where)
-    return Stream(find_part(wanted, in_place=True), spec, _steps, order)
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
+    return transition_stream(query, spec, order)
+
+
+def transition_stream(query: Query, spec: ObservationSpec, order: Order) -> Stream[Transition]:
+    """Return a stream of the transitions that a query requests; see `stream_episodes`."""
+    return Stream(query.part(in_place=True), spec, _steps, order)

@@ -7,7 +7,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib.util import find_spec
 from operator import index
 from typing import TYPE_CHECKING, Any
@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
-    LabyrinthSource,
     Shape,
     Size,
     chosen,
+    sources_of,
     step_limit,
     write_plainly,
 )
@@ -53,8 +53,9 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
     Actions: 0 up, 1 right, 2 down, 3 left. Rewards and ends of episodes are those of `dynamics`.
     An episode is truncated after `40 * width * height` steps.
 
-    Each `reset` samples a new labyrinth, unless the constructor was given one. All randomness comes
-    from `np_random`, so a seed determines this labyrinth and the labyrinths of all later episodes.
+    Each `reset` samples a new labyrinth, unless the constructor was given one or some. All
+    randomness comes from `np_random`, so a seed determines this labyrinth and the labyrinths of all
+    later episodes.
 
     The `info` of `reset` and `step` describes the state that the agent is in now:
 
@@ -79,6 +80,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         observation: Kind = "image",
         image_size: int = DEFAULT_IMAGE_SIZE,
         labyrinth: LabyrinthLike | None = None,
+        labyrinths: Iterable[LabyrinthLike] | None = None,
         split: str | None = None,
         buckets: Sequence[int] = BUCKETS,
         reward: str = "default",
@@ -96,6 +98,8 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
             image_size: Pixels on each side of the image.
             labyrinth: A labyrinth for every episode: its text, the path of a file, or a
                 `Labyrinth`. Its size and task replace `size` and `task`.
+            labyrinths: The labyrinths of the episodes in turn, all of one size and task: the first,
+                or number s after `reset(seed=s)`, and so on, modulo their number.
             split: `train`, `validation` or `test`: sample only structures that a dataset may have
                 in this split, so that training meets no labyrinth of another split. None samples
                 all structures.
@@ -111,11 +115,13 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             ValueError: An argument has a value that is not allowed.
         """
-        self.source = LabyrinthSource.of(size, task, labyrinth, split, buckets)
+        self._sources = sources_of(size, task, labyrinth, labyrinths, split, buckets)
+        self._turn = 0
+        """The number of the next episode's labyrinth, if there are several."""
         self._observer = Observer(observation, image_size)
         self._normalised = chosen("reward", reward, REWARDS) == "normalised"
         self._max_episode_steps = max_episode_steps
-        shape = self.source.shape
+        shape = self._sources[0].shape
         self._limit = step_limit(shape.height * shape.width, max_episode_steps)
         if render_mode is not None:
             chosen("render_mode", render_mode, RENDER_MODES)
@@ -138,7 +144,10 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
 
     @spec.setter
     def spec(self, spec: EnvSpec | None) -> None:
-        values = self.source.plainly() | {"image_size": self._observer.image_size}
+        values = self._sources[0].plainly() | {"image_size": self._observer.image_size}
+        if spec is not None and spec.kwargs.get("labyrinths") is not None:
+            kept = [source.plainly()["labyrinth"] for source in self._sources]
+            values |= {"labyrinth": None, "labyrinths": kept}
         self._spec = write_plainly(spec, values, self._limit)
 
     def _set_shape(self, shape: Shape) -> None:
@@ -174,14 +183,19 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         Raises:
             ValueError: The seed or the value of an option is not allowed, or an option is unknown.
         """
-        super().reset(seed=None if seed is None else whole("seed", seed, 0))
+        if seed is not None:
+            seed = whole("seed", seed, 0)
+        super().reset(seed=seed)
+        turn = self._turn if seed is None else seed
         options = dict(options or {})
         most = options.pop("max_episode_steps", None)
-        labyrinth = self.source.draw(self.np_random, options)
+        source = self._sources[turn % len(self._sources)]
+        labyrinth = source.draw(self.np_random, options)
         most = self._max_episode_steps if most is None else most
         limit = step_limit(labyrinth.structure.cells, most)
         if labyrinth is not self._labyrinth:
             self._load(labyrinth)
+        self._turn = turn + 1
         self._state = self._initial
         self._limit = limit
         self._steps = 0

@@ -145,7 +145,7 @@ def sources_of(
     split: str | None,
     buckets: Sequence[int],
 ) -> list[LabyrinthSource]:
-    """Return the sources that sub-environments take in turn: one, or one for each of `labyrinths`.
+    """Return the sources that episodes take in turn: one, or one for each of `labyrinths`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
@@ -167,10 +167,10 @@ def sources_of(
 
 
 def check_shape(labyrinth: Labyrinth, shape: Shape) -> None:
-    """Raise ValueError if a labyrinth does not have the shape of its vector environment."""
+    """Raise ValueError if a labyrinth does not have the shape of the others of its environment."""
     if Shape.of(labyrinth) != shape:
         raise ValueError(
-            f"all labyrinths of a vector environment have one size and task: here "
+            f"all labyrinths of an environment have one size and task: here "
             f"{shape.height}x{shape.width} and {shape.task}, "
             f"not {labyrinth.size_name} and {labyrinth.task}"
         )

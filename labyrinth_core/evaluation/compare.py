@@ -1,8 +1,8 @@
 """`compare` two policies on fresh labyrinths until one is shown to be better.
 
-from labyrinth_core import compare
+from labyrinth_core import Dataset, compare
 
-print(compare(policy, other, "data/labyrinth", "5x5"))
+print(compare(policy, other, Dataset("data/labyrinth", "5x5")))
 
 Only labyrinths that exactly one of the two solves tell them apart, as in McNemar's test. If both
 policies are equally good, each is equally likely to be the one that solves such a labyrinth. The
@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import sample_test
-from labyrinth_core.data.dataset import locate
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
@@ -62,7 +61,7 @@ def log_evidence(
     return np.asarray(seen - wins * np.log(share) - losses * np.log1p(-np.asarray(share)))
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Two policies in the same labyrinths."""
 
@@ -110,7 +109,8 @@ class Comparison:
         low, high = shares[against < -log(self.error)][[0, -1]].tolist()
         return (low if low > shares[0] else 0.0), (high if high < shares[-1] else 1.0)
 
-    def __str__(self) -> str:
+    def __repr__(self) -> str:
+        """Return the verdict and the counts that it rests on."""
         first, other = ((self.both + alone) / self.labyrinths for alone in (self.wins, self.losses))
         verdict = {
             "first": "the first policy is better",
@@ -129,8 +129,8 @@ class Comparison:
 def compare(
     policy: Any,
     other: Any,
-    source: str | Path,
-    config: str,
+    source: str | Path | Dataset,
+    config: str | None = None,
     *,
     observation: str | tuple[str | None, str | None] | None = None,
     image_size: int | tuple[int | None, int | None] | None = None,
@@ -149,8 +149,9 @@ def compare(
     Args:
         policy: The first policy, as `evaluate` takes it.
         other: The other policy.
-        source: Folder with a dataset, or its id on the Hub; only its manifest is read.
-        config: Name of the dataset's config, such as `5x5`, which sets size, task and sampler.
+        source: A `Dataset`, which sets size, task and sampler; or its folder, or its id on the
+            Hub. Only its manifest is read.
+        config: Name of the dataset's config, such as `5x5`; not with a `Dataset`.
         observation: As for `evaluate`, for both policies or as a pair.
         image_size: As for `evaluate`, for both policies or as a pair.
         within: The number of steps allowed: "cells" for as many as the labyrinth has cells,
@@ -158,7 +159,7 @@ def compare(
         most: The number of labyrinths after which to stop undecided.
         error: The largest probability of an error, above 0 and below 1.
         seed: Seed of the labyrinths and of stochastic policies.
-        revision: Branch, tag or commit on the Hub; not for folders.
+        revision: Branch, tag or commit on the Hub; not for folders or with a `Dataset`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
@@ -173,7 +174,7 @@ def compare(
     if not 0 < error < 1:
         raise ValueError(f"error={error!r:.60}: give a probability above 0 and below 1")
     seen, sizes = _pair("observation", observation), _pair("image_size", image_size)
-    dataset = Manifest.read(locate(source, config, [], revision)).config
+    dataset = Dataset.of(source, config, revision).manifest.config
     shape = dataset.height, dataset.width, dataset.task
     policies = [
         fitted(each, *shape, observation=shown, image_size=size)

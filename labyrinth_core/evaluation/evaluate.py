@@ -1,8 +1,8 @@
 """`evaluate` any policy on a dataset.
 
-from labyrinth_core import evaluate
+from labyrinth_core import Dataset, evaluate
 
-results = evaluate(policy, "data/labyrinth", "5x5")
+results = evaluate(policy, Dataset("data/labyrinth", "5x5"))
 print(results)
 results.save("results/mine.json", name="my method", url="https://example.org")
 """
@@ -11,16 +11,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset import locate, require_unchanged
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
@@ -33,8 +32,8 @@ NOT_EVALUATED = ("random",)
 
 def evaluate(
     policy: Any,
-    source: str | Path,
-    config: str,
+    source: str | Path | Dataset,
+    config: str | None = None,
     *,
     observation: str | None = None,
     image_size: int | None = None,
@@ -63,8 +62,9 @@ def evaluate(
 
     Args:
         policy: The policy to evaluate.
-        source: Folder with the dataset, or its id on the Hub such as `user/labyrinth`.
-        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
+        source: A `Dataset`; or its folder, or its id on the Hub such as `user/labyrinth`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`; not with a
+            `Dataset`.
         observation: What the policy is shown: "image", uint8 (B, image_size, image_size, 3);
             "vector", int32 (B, length); or "text", a list of B texts in the language of labyrinths,
             with the agent as `@`. None for the policy's own, or "image".
@@ -73,7 +73,7 @@ def evaluate(
             look-ups if the policy allows them, else one episode.
         seed: Seed of the generator `rng`.
         splits: The splits to evaluate on; None for all but `random`.
-        revision: Branch, tag or commit on the Hub; not for folders.
+        revision: Branch, tag or commit on the Hub; not for folders or with a `Dataset`.
 
     Raises:
         ValueError: An argument has a value that is not allowed.
@@ -84,8 +84,8 @@ def evaluate(
     seed = whole("seed", seed, 0, MOST_SEED)
     if episodes is not None:
         episodes = whole("episodes", episodes, 1, MOST_EPISODES)
-    manifest = Manifest.read(locate(source, config, [], revision))
-    about = manifest.config
+    data = Dataset.of(source, config, revision)
+    about = data.manifest.config
     policy, spec = fitted(
         policy,
         about.height,
@@ -96,23 +96,17 @@ def evaluate(
     )
     player = Player.of(policy, seed)
 
-    load = partial(
-        load_arrays,
-        source,
-        config,
-        observation=spec.observation,
-        image_size=spec.image_size,
-        resize=spec.resize,
-        revision=revision,
-    )
-    chosen = _chosen(splits, manifest)
-    scores, baselines = judge(player, load, chosen, about.task, episodes=episodes)
-    require_unchanged(source, config, manifest.fingerprint, revision)
+    def load(split: str, observation: str = spec.observation) -> LabyrinthArrays:
+        shown = ObservationSpec(observation, spec.image_size, draw=True, resize=spec.resize)
+        return arrays_in(data[split], shown)
+
+    scores, baselines = judge(player, load, _chosen(splits, data), about.task, episodes=episodes)
+    data.require_unchanged()
     return Results(
-        dataset=str(source),
-        revision=revision,
+        dataset=str(data.source),
+        revision=data.revision,
         config=about.name,
-        fingerprint=manifest.fingerprint,
+        fingerprint=data.fingerprint,
         observation=spec.observation,
         image_size=spec.image_size if spec.observation == "image" else None,
         way=way_of(player, episodes),
@@ -171,14 +165,13 @@ def judge(
     return scores, baselines
 
 
-def _chosen(splits: Sequence[str] | None, manifest: Manifest) -> list[str]:
+def _chosen(splits: Sequence[str] | None, data: Dataset) -> list[str]:
     if splits is None:
-        held = dict.fromkeys(shard.split for shard in manifest.shards)
-        return [split for split in held if split not in NOT_EVALUATED]
+        return [split for split in data.splits if split not in NOT_EVALUATED]
     try:
         chosen = [splits] if isinstance(splits, str) else list(splits)
     except TypeError as error:
         raise ValueError(f"splits={splits!r:.60}: give names such as ['test']") from error
     for split in chosen or ["[]"]:
-        manifest.of(split)  # Raises a DatasetError if there is no such split.
+        data.manifest.of(split)  # Raises a DatasetError if there is no such split.
     return chosen

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter, Wanted, derived_from, find_part
+from labyrinth_core.data.dataset import Filter, Query, Source, derived_from
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
@@ -169,9 +169,15 @@ def load_arrays(
         DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
+    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
+    return arrays_in(query, spec)
+
+
+def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
+    """Return the labyrinths that a query requests as arrays; see `load_arrays`."""
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = find_part(Wanted(source, config, split, revision, labyrinths, where))
+    part = query.part()
     try:
         for block in replayed(part.rows(pictures=False), part.config):
             ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
@@ -181,16 +187,16 @@ def load_arrays(
                 place = ids[block.which[first]], int(block.states[first])
                 episodes.append((place, rows.actions[first:last].copy()))
         if not held:
-            raise DatasetError(f"split={split} has no episodes")
+            raise DatasetError(f"split={query.split} has no episodes")
         return _stack(list(held.values()), list(held), episodes, spec, hold=True)
     except MemoryError as error:
         count = sum(each.labyrinths for each in part.shards)
         count = count if part.spans is None else len(part.spans[0])
         needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
-        pictures = " and up to 1 GB of pictures" if observation == "image" else ""
+        pictures = " and up to 1 GB of pictures" if spec.observation == "image" else ""
         raise DatasetError(
-            f"split={split}: the states of {count:,} labyrinths take about {needed / 1e9:,.1f} GB"
-            f"{pictures}, more than there is memory: give fewer labyrinths"
+            f"split={query.split}: the states of {count:,} labyrinths take about "
+            f"{needed / 1e9:,.1f} GB{pictures}, more than there is memory: give fewer labyrinths"
         ) from error
 
 

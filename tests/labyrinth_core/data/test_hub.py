@@ -126,3 +126,17 @@ def test_a_wrong_revision_is_told_with_those_that_there_are(hub: LocalHub, revis
         script = READ.format(code.replace("split=", f"revision={revision!r}, split="))
         printed, _ = run(hub, script)
         assert printed == f"user/labyrinth has no revision {revision}, it has 1.0.2, main\n"
+
+
+def test_a_dataset_is_downloaded_and_evaluated_as_an_object(hub: LocalHub) -> None:
+    script = """
+import labyrinth_core as lib
+data = lib.Dataset("user/labyrinth", "2x3")
+train, first = data["train"], data["train"].filter(labyrinths=1)
+print(len(train.transitions()) == train.total_steps == sum(1 for _ in train.stream()))
+print(len(first.transitions()) == first.total_steps == sum(1 for _ in first.stream()))
+results = lib.evaluate(lambda seen: [1] * len(seen), data, image_size=8)
+print(results.fingerprint == data.fingerprint)
+"""
+    printed, told = run(hub, script)
+    assert printed == "True\nTrue\nTrue\n", told

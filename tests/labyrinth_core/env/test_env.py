@@ -460,6 +460,7 @@ def test_an_environment_is_made_again_from_the_json_of_its_specification(tmp_pat
     path.write_text(OPEN)
     for arguments in (
         {"labyrinth": parse(OPEN)},
+        {"labyrinths": [parse(OPEN), path]},
         {"labyrinth": path},
         {"labyrinth": str(path), "task": Task.NAVIGATION},
         {"size": np.int64(3), "image_size": np.int32(16), "task": Task.KEY_AND_DOOR},

@@ -188,6 +188,22 @@ def test_more_labyrinths_than_sub_environments_come_in_turn_from_the_seed_on():
     assert shown(env.reset()[1]) == [1, 2]
 
 
+def test_a_single_environment_takes_given_labyrinths_in_turn_as_a_vector_of_one_does():
+    rng = np.random.default_rng(0)
+    given = [sample_labyrinth(3, 3, Task.NAVIGATION, rng) for _ in range(3)]
+    one = LabyrinthEnv(labyrinths=given, observation="state")
+    several = LabyrinthVectorEnv(1, labyrinths=given, observation="state")
+    for seed in (None, None, None, None, 5, None, np.int64(2), None):
+        single, batch = one.reset(seed=seed)[1], several.reset(seed=seed)[1]
+        assert single["labyrinth"] == batch["labyrinth"][0]
+    before = one.labyrinth
+    with pytest.raises(ValueError, match="option 'colour'"):
+        one.reset(options={"colour": 1})
+    assert parse(one.reset()[1]["labyrinth"]) == given[(given.index(before) + 1) % 3]
+    with pytest.raises(ValueError, match="all labyrinths of an environment have one size"):
+        LabyrinthEnv(labyrinths=[*given, parse(KEY_AND_DOOR)])
+
+
 def test_make_vec_finds_it():
     env = gymnasium.make_vec(NAME, autoreset_mode="SameStep")
     assert isinstance(env, LabyrinthVectorEnv)

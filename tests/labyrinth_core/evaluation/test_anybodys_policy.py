@@ -415,7 +415,7 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
 
-def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
+def test_a_dataset_on_the_hub_is_read_at_the_commit_of_its_revision(datasets, monkeypatch):
     asked = []
 
     def snapshot_download(source, *, revision, allow_patterns, **_):
@@ -426,9 +426,10 @@ def test_a_dataset_on_the_hub_is_read_at_its_revision(datasets, monkeypatch):
     options = {"revision": "v1", "image_size": 8, "splits": ["test"]}
     results = evaluate(Rounds(1), "user/name", "3x4", **options)
     assert (results.dataset, results.revision) == ("user/name", "v1")
-    manifest = ("user/name", "v1", "3x4/manifest.json")
-    assert asked == [
-        manifest,
+    first, *later = asked
+    assert first == ("user/name", "v1", "3x4/manifest.json")
+    manifest = ("user/name", datasets.name, "3x4/manifest.json")  # At the commit that was found.
+    assert later == [
         (*manifest, "3x4/train-*.parquet"),
         (*manifest, "3x4/test-*.parquet"),
         manifest,  # Offline, to see that it is still the same.

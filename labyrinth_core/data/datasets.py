@@ -1,0 +1,349 @@
+"""`Dataset`: a dataset as an object, and `Selection`, a split of it or some labyrinths of a split.
+
+    from labyrinth_core import Dataset
+
+    data = Dataset("data/labyrinth", "5x5")
+    transitions = data["train"].transitions(image_size=64)
+
+The functions of `load` and `stream` give the same in one call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable, Iterator
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data.dataset import Filter, Query, Source
+from labyrinth_core.data.episodes import LoadedEpisode, replayed
+from labyrinth_core.data.load import Transition, Transitions, episodes_in, transitions_in
+from labyrinth_core.data.manifest import TABLE, Shard, table_groups
+from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.selection import Step, chosen, unlike_shards
+from labyrinth_core.data.stream import Order, Stream, episode_stream, transition_stream
+from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.world.labyrinth import Labyrinth, whole
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+    from gymnasium.spaces import Discrete, Space
+
+    from labyrinth_core.env import LabyrinthEnv
+
+
+class Dataset(Source):
+    """A dataset in a folder or on the Hub; `data["train"]` is its split train.
+
+    The manifest is read at once, everything else when it is asked for. All of it belongs to this
+    manifest, and on the Hub to one commit: if the dataset in a folder is built anew meanwhile,
+    reading raises DatasetError.
+
+    Args:
+        source: Folder with the dataset, its URL such as `s3://bucket/labyrinth`, or its id on the
+            Hub such as `user/labyrinth`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`.
+        revision: Branch, tag or commit on the Hub; not for folders.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed.
+        DatasetError: The dataset does not exist, or its manifest cannot be read.
+    """
+
+    def __init__(self, source: str | Path, config: str, revision: str | None = None) -> None:
+        super().__init__(source, config, revision)
+        _ = self.manifest  # It is read now.
+        if self.local is None:
+            self.pin()
+
+    @classmethod
+    def of(cls, source: str | Path | Dataset, config: str | None, revision: str | None) -> Dataset:
+        """Return the dataset that a function is given, as such or as source and config.
+
+        Raises:
+            ValueError: A dataset is given with a config or a revision, or a source without config.
+            DatasetError: As for the class.
+        """
+        if not isinstance(source, Dataset):
+            return cls(source, config, revision)  # type: ignore[arg-type]  # It refuses None.
+        for name, value in (("config", config), ("revision", revision)):
+            if value is not None:
+                raise ValueError(f"{name}={value!r:.60}: leave it out, the Dataset has its own")
+        return source
+
+    @property
+    def splits(self) -> tuple[str, ...]:
+        """The names of the splits."""
+        return tuple(dict.fromkeys(shard.split for shard in self.manifest.shards))
+
+    @property
+    def fingerprint(self) -> str:
+        """The hash of all rows of all splits; the same configuration gives the same one."""
+        return self.manifest.fingerprint
+
+    @cached_property
+    def table(self) -> pa.Table:
+        """The table of labyrinths, one row per labyrinth and split.
+
+        Its columns are `labyrinth_core.data.format.TABLE_COLUMNS`.
+        """
+        import pyarrow as pa
+
+        return pa.concat_tables(table_groups(self.locate([TABLE]), self.manifest))
+
+    def __getitem__(self, split: str) -> Selection:
+        """Return a split; raise DatasetError if the dataset has none of this name."""
+        self.manifest.of(split)
+        return Selection(self, split)
+
+    def __iter__(self) -> Iterator[str]:
+        """Yield the names of the splits."""
+        return iter(self.splits)
+
+    def __repr__(self) -> str:
+        """Return what the dataset is, in five lines."""
+        shards, about = self.manifest.shards, self.manifest.config
+        counts = (f"{split} {_labyrinths_of(self.manifest.of(split)):,}" for split in self.splits)
+        return (
+            f"Dataset {_named(self)}\n"
+            f"  labyrinths: {about.height} x {about.width}, {about.task}\n"
+            f"  splits: {', '.join(counts)}\n"
+            f"  episodes: {_episodes_of(shards):,} of {_steps_of(shards):,} steps\n"
+            f"  fingerprint: {self.fingerprint}"
+        )
+
+
+class Selection(Query):
+    """A split of a dataset, or some labyrinths of it, as `Dataset` and `filter` return it."""
+
+    dataset: Dataset
+
+    @property
+    def total_episodes(self) -> int:
+        """The number of episodes."""
+        if not self.steps:
+            return _episodes_of(self.dataset.manifest.of(self.split))
+        return int(self._episodes.sum())
+
+    @property
+    def total_steps(self) -> int:
+        """The number of transitions."""
+        if not self.steps:
+            return _steps_of(self.dataset.manifest.of(self.split))
+        # The last row of an episode has no action.
+        return int(self.spans[1].sum()) - self.total_episodes
+
+    @property
+    def observation_space(self) -> Space[Any]:
+        """Gymnasium's space of the observations of `transitions()`, pictures of 64 x 64."""
+        from labyrinth_core.env import LabyrinthEnv
+
+        about = self.dataset.manifest.config
+        return LabyrinthEnv((about.height, about.width), about.task).observation_space
+
+    @property
+    def action_space(self) -> Discrete:
+        """Gymnasium's space of the actions: 0 up, 1 right, 2 down, 3 left."""
+        from gymnasium.spaces import Discrete
+
+        return Discrete(4)
+
+    @cached_property
+    def labyrinths(self) -> tuple[Labyrinth, ...]:
+        """The labyrinths, in the order of the dataset."""
+        part = self.part()
+        held: dict[int, Labyrinth] = {}
+        for block in replayed(part.rows(pictures=False), part.config):
+            for number, labyrinth in zip(block.ids.tolist(), block.parsed(), strict=True):
+                held.setdefault(number, labyrinth)
+        return tuple(held.values())
+
+    def filter(self, where: Filter | None = None, *, labyrinths: int | None = None) -> Self:
+        """Return some of these labyrinths.
+
+        Args:
+            where: A filter of the table of labyrinths, such as
+                `pyarrow.compute.field("moves") >= 12`; None for all.
+            labyrinths: The number of labyrinths: the first that match; None for all.
+
+        Raises:
+            ValueError: There are fewer labyrinths, or the filter cannot be applied.
+            DatasetError: The table of labyrinths cannot be read.
+        """
+        some = super().filter(where, labyrinths=labyrinths)
+        if some is not self:
+            _ = some.spans  # It raises the errors now.
+        return some
+
+    def transitions(
+        self,
+        *,
+        observation: str = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        draw: bool = False,
+        resize: str = "area",
+        cache_dir: str | Path | bool | None = True,
+        optimal: bool = False,
+    ) -> Transitions:
+        """Return all transitions; see `load_transitions`."""
+        spec = ObservationSpec(observation, image_size, draw, resize)
+        return transitions_in(self, spec, cache_dir, optimal=optimal)
+
+    def iterate_episodes(
+        self,
+        *,
+        observation: str = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        draw: bool = False,
+        resize: str = "area",
+    ) -> Generator[LoadedEpisode]:
+        """Yield the episodes in order; see `load_episodes`."""
+        return episodes_in(self, ObservationSpec(observation, image_size, draw, resize))
+
+    def sample_episodes(  # noqa: D417
+        self,
+        n: int,
+        *,
+        seed: int = 0,
+        observation: str = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        draw: bool = False,
+        resize: str = "area",
+    ) -> list[LoadedEpisode]:
+        """Return random episodes, each at most once, in random order.
+
+        Only their labyrinths are read.
+
+        Args:
+            n: The number of episodes.
+            seed: Seed of the choice. See `load_episodes` for the other arguments.
+
+        Raises:
+            ValueError: An argument has a value that is not allowed.
+            DatasetError: As for `load_episodes`.
+        """
+        spec = ObservationSpec(observation, image_size, draw, resize)
+        counts = self._episodes
+        ends = np.cumsum(counts)
+        allowed = f"a whole number from 1 to {ends[-1]}, as many as there are"
+        n = whole("n", n, 1, int(ends[-1]), allowed=allowed)
+        rng = np.random.default_rng(whole("seed", seed, 0))
+        drawn = rng.choice(ends[-1], n, replace=False)
+        labyrinth = np.searchsorted(ends, drawn, "right")
+        used, which = np.unique(labyrinth, return_inverse=True)
+        # The numbers of the drawn episodes among all episodes of their labyrinths.
+        skipped = (ends - counts)[used] - (np.cumsum(counts[used]) - counts[used])
+        numbers = (drawn - skipped[which]).tolist()
+        some = Selection(self.dataset, self.split, (*self.steps, Step(None, used)))
+        read = enumerate(episodes_in(some, spec))
+        needed = {*numbers}
+        found = {number: episode for number, episode in read if number in needed}
+        if len(found) < n:
+            raise unlike_shards(self.split)
+        return [found[number] for number in numbers]
+
+    def stream(
+        self,
+        *,
+        observation: str = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        draw: bool = False,
+        resize: str = "area",
+        shuffle: bool | int = False,
+        seed: int = 0,
+        rank: int | None = None,
+        world_size: int | None = None,
+    ) -> Stream[Transition]:
+        """Return a stream of the transitions; see `stream_transitions`."""
+        order = Order.of(shuffle, seed, rank, world_size)
+        spec = ObservationSpec(observation, image_size, draw, resize)
+        return transition_stream(self, spec, order)
+
+    def stream_episodes(
+        self,
+        *,
+        observation: str = "image",
+        image_size: int = DEFAULT_IMAGE_SIZE,
+        draw: bool = False,
+        resize: str = "area",
+        shuffle: bool | int = False,
+        seed: int = 0,
+        rank: int | None = None,
+        world_size: int | None = None,
+    ) -> Stream[LoadedEpisode]:
+        """Return a stream of the episodes; see `labyrinth_core.stream_episodes`."""
+        order = Order.of(shuffle, seed, rank, world_size)
+        spec = ObservationSpec(observation, image_size, draw, resize)
+        return episode_stream(self, spec, order)
+
+    def recover_environment(self, **options: Any) -> LabyrinthEnv:
+        """Return an environment whose episodes take place in these labyrinths, one after the other.
+
+        The first episode is in the first labyrinth, or after `reset(seed=s)` in number s, counted
+        from 0 and modulo their number.
+
+        Args:
+            **options: Arguments of `LabyrinthEnv`, such as `render_mode="rgb_array"`.
+
+        Raises:
+            ValueError: An argument has a value that is not allowed.
+            DatasetError: As for `load_episodes`.
+        """
+        from labyrinth_core.env import LabyrinthEnv
+
+        return LabyrinthEnv(labyrinths=self.labyrinths, **options)
+
+    def __len__(self) -> int:
+        """Raise TypeError: episodes and steps could be meant."""
+        raise TypeError("a split has no length: use total_episodes or total_steps")
+
+    def __bool__(self) -> bool:
+        """Return True, without asking for the length."""
+        return True
+
+    def __repr__(self) -> str:
+        """Return what the selection is, in five lines."""
+        count = _labyrinths_of(self.dataset.manifest.of(self.split))
+        some = f"{len(self.spans[0]):,} of {count:,}" if self.steps else f"{count:,}"
+        filters: list[str] = []
+        for step in self.steps:
+            filters += [str(step.where)] * (step.where is not None)
+            filters += [f"the first {step.keep}"] * (step.keep is not None)
+        return (
+            f"Selection {self.split} in {_named(self.dataset)}\n"
+            f"  labyrinths: {some}\n"
+            f"  filter: {printable_line(', then '.join(filters)) or 'none'}\n"
+            f"  episodes: {self.total_episodes:,}\n"
+            f"  steps: {self.total_steps:,}"
+        )
+
+    @cached_property
+    def _episodes(self) -> NDArray[np.int64]:
+        """The number of episodes of each labyrinth."""
+        place = self.dataset.locate([TABLE]), self.dataset.manifest, self.split
+        (counts,) = chosen(*place, self.steps, ["episodes"])
+        if ((counts < 1) | (counts > self.spans[1])).any():
+            raise unlike_shards(self.split)
+        return counts
+
+
+def _named(dataset: Dataset) -> str:
+    at = "" if dataset.revision is None else f"@{dataset.revision}"
+    return printable_line(f"{dataset.config} of {dataset.source}{at}")
+
+
+def _labyrinths_of(shards: Iterable[Shard]) -> int:
+    return sum(shard.labyrinths for shard in shards)
+
+
+def _episodes_of(shards: Iterable[Shard]) -> int:
+    return sum(shard.episodes for shard in shards)
+
+
+def _steps_of(shards: Iterable[Shard]) -> int:
+    # The last row of an episode has no action.
+    return sum(shard.rows - shard.episodes for shard in shards)
