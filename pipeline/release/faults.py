@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from json import JSONDecodeError
@@ -73,9 +74,19 @@ def explained(repo_id: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except (HTTPError, ValueError, ConnectionError, RuntimeError, NO_TOKEN) as error:
-        # A failed upload of contents raises a RuntimeError or a ConnectionError.
+    except (HTTPError, ConnectionError, NO_TOKEN) as error:
         raise PublishError(_explanation(error, repo_id)) from error
+    except (ValueError, RuntimeError) as error:  # A failed upload of contents raises the second.
+        if not _is_of_client(error):
+            raise
+        raise PublishError(_explanation(error, repo_id)) from error
+
+
+def _is_of_client(error: Exception) -> bool:
+    """Return whether the Hub's client, or code that it calls, raised an error."""
+    frames = traceback.walk_tb(error.__traceback__)
+    modules = (str(frame.f_globals.get("__name__", "")) for frame, _ in frames)
+    return any(module.partition(".")[0] == "huggingface_hub" for module in modules)
 
 
 def _explanation(error: Exception, repo_id: str) -> str:
