@@ -42,6 +42,12 @@ def test_what_a_job_runs_is_there_and_takes_values_from_the_environment_alone(na
     assert [file for file in files if not (ROOT / file).is_file()] == []
 
 
+def test_actions_are_pinned_to_commits() -> None:
+    used = {step["uses"] for job in JOBS.values() for step in job["steps"] if "uses" in step}
+    unpinned = {each for each in used if not re.fullmatch(r"[\w/-]+@[0-9a-f]{40}", each)}
+    assert unpinned == {"pypa/gh-action-pypi-publish@release/v1"}  # docs/releasing.md says why.
+
+
 def test_the_pythons_that_the_package_names_are_those_that_are_checked() -> None:
     lines = (ROOT / "pyproject.toml").read_text(encoding="utf-8").splitlines()
     named = {match[1] for line in lines if (match := re.search(r":: Python :: (3\.\d+)", line))}

@@ -16,11 +16,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.benchmarks.errors import EnvironmentFailure
+
 DIGEST_BYTES = 8
 SHOWN_VALUES = 8
 """The maximum size of an array whose values `leaves` shows."""
 SHOWN_LETTERS = 60
 """The maximum length of a value that `leaves` shows in full."""
+
+
+class IncomparableError(EnvironmentFailure, TypeError):
+    """Two values of this type cannot be compared."""
 
 
 def digest(*parts: bytes) -> int:
@@ -39,7 +45,7 @@ def encode(value: Any) -> bytes:
             of these; also whatever NumPy can convert to an array.
 
     Raises:
-        TypeError: Two values of this type cannot be compared.
+        IncomparableError: Two values of this type cannot be compared.
     """
     return _ENCODERS.get(type(value), _encode_other)(value)
 
@@ -120,7 +126,7 @@ def _encode_other(value: Any) -> bytes:
             return encoder(value)
     array = np.asarray(value)
     if array.dtype.kind == "O" and not isinstance(value, np.ndarray):
-        raise TypeError(f"a value of type {type(value).__qualname__} cannot be compared")
+        raise IncomparableError(f"a value of type {type(value).__qualname__} cannot be compared")
     return _encode_array(array)
 
 

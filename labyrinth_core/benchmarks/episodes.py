@@ -10,9 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import FAILURES, Maker, StateOf, close, known_state
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
+from labyrinth_core.benchmarks.making import Maker, StateOf, close, known_state
 
 Draw = Callable[[np.random.Generator], Any]
 """Returns a random action of an environment without an action space that can be sampled."""
@@ -38,10 +37,14 @@ class Protocol:
         At step 0 that is the first observation; after it the observation, the reward, and whether
         the episode was terminated or truncated. An environment may overwrite what it returned when
         the iteration goes on.
+
+        Raises:
+            CertifyError: The environment cannot be made, or is not one of Gymnasium.
+            EnvironmentFailure: The environment fails at this seed.
         """
         for probe, actions in enumerate(self.actions or ((),)):
             env = stage.ready()
-            result = env.reset(seed=seed)
+            result = called(env.reset, seed=seed)
             if not (isinstance(result, tuple) and len(result) == 2):
                 raise CertifyError(
                     f"{self.maker.name}: reset(seed=...) returns {type(result).__name__}, not "
@@ -49,11 +52,17 @@ class Protocol:
                 )
             yield probe, 0, result[0]
             for step, action in enumerate(actions, 1):
-                seen = env.step(action if isinstance(action, int | str) else copy.copy(action))
-                observation, reward, terminated, truncated, _ = seen
-                yield probe, step, (observation, reward, terminated, truncated)
-                if terminated or truncated:
+                action = action if isinstance(action, int | str) else copy.copy(action)
+                seen, ended = called(stepped, env, action)
+                yield probe, step, seen
+                if ended:
                     break
+
+
+def stepped(env: Any, action: Any) -> tuple[tuple[Any, Any, Any, Any], bool]:
+    """Take a step; return what `Protocol.walk` yields of it, and whether the episode has ended."""
+    observation, reward, terminated, truncated, _ = env.step(action)
+    return (observation, reward, terminated, truncated), bool(terminated or truncated)
 
 
 class Stage:
@@ -112,12 +121,10 @@ def look(protocol: Protocol, stage: Stage, seed: int, each: Callable[[Any], None
                 continue
             first = code
             if protocol.state is not None:
-                state = encode(protocol.state(stage.env))
-    except CertifyError:
-        raise
-    except FAILURES as error:
+                state = encode(called(protocol.state, stage.env))
+    except EnvironmentFailure as error:
         stage.close()
-        return Seen(seed, error=f"{type(error).__name__}: {one_line(error):.200}")
+        return Seen(seed, error=str(error))
     return Seen(seed, digest(first), digest(*parts), digest(state), steady)
 
 

@@ -9,14 +9,11 @@ from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
 from typing import Any
 
-from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.errors import FAILURES, CertifyError
 from labyrinth_core.data.errors import one_line
 
 StateOf = Callable[[Any], Any]
 """Environment -> everything that determines how its episode goes on, as `encode` takes it."""
-
-FAILURES = (Exception, SystemExit)
-"""What the code of others may raise, which is not a failure of ours."""
 
 REGISTERED_BY = (("MiniGrid-", "minigrid"), ("BabyAI-", "minigrid"), ("ALE/", "ale_py"))
 """How ids begin, and the package to import, which registers them."""

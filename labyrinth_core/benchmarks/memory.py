@@ -12,11 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.encoding import encode
-from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage
-from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage, stepped
+from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.levels import Share
-from labyrinth_core.benchmarks.making import FAILURES
-from labyrinth_core.data.errors import one_line
 
 Policy = Callable[[Any], Any]
 """Observation -> action."""
@@ -128,26 +126,23 @@ def _play(
     total = 0.0
     try:
         env = stage.ready()
-        observation, _ = env.reset(seed=seed)
+        observation = called(lambda: env.reset(seed=seed)[0])
         first, vector = encode(observation), _numbers(observation)
         route = None if routes is None else routes.get(seed, ())
         for step in range(LONGEST if route is None else len(route)):
             if route is not None:
                 action = route[step]
             elif draw is not None:
-                action = draw(rng)
+                action = called(draw, rng)
             elif policy is not None:
-                action = policy(observation)
+                action = called(policy, observation)
             taken.append(copy.deepcopy(action))
-            observation, reward, terminated, truncated, _ = env.step(action)
-            total += float(reward)
-            if terminated or truncated:
+            (observation, reward, *_), ended = called(stepped, env, action)
+            total += called(float, reward)
+            if ended:
                 break
-    except CertifyError:
-        raise
-    except FAILURES as error:
-        reason = f"{type(error).__name__}: {one_line(error):.200}"
-        raise CertifyError(f"seed {seed}: the environment or the policy fails: {reason}") from error
+    except EnvironmentFailure as error:
+        raise CertifyError(f"seed {seed}: the environment or the policy fails: {error}") from error
     finally:
         stage.close()
     return Played(first, vector, tuple(taken), total)

@@ -9,9 +9,8 @@ import numpy as np
 
 from labyrinth_core.benchmarks.certificate import Certificate
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.records import Split
-from labyrinth_core.data.errors import one_line
 
 PREFIX = "minari:"
 TRAIN_SHARE = 0.8
@@ -95,23 +94,25 @@ def _episodes(source: str) -> list[tuple[int | None, int, int]]:
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[minari]'"
         raise CertifyError(f"{source}: Minari is not installed: {install}") from error
-    try:
-        return [*_read(minari.load_dataset(name, download=True))]
-    except Exception as error:  # A dataset, its files and its server may fail in any way.
-        reason = f"{type(error).__name__}: {one_line(error):.200}"
-        raise CertifyError(f"{source} cannot be read: {reason}") from error
+    found = []
+    try:  # A dataset, its files and its server may fail in any way.
+        episodes = _read(called(minari.load_dataset, name, download=True))
+        while (episode := called(next, episodes, None)) is not None:
+            seed, *values = episode
+            known = seed is not None and np.asarray(seed).dtype.kind in "iu"
+            code = digest(encode(int(np.asarray(seed)))) if known else None
+            first, actions = (digest(encode(value)) for value in values)
+            found.append((code, first, actions))
+    except EnvironmentFailure as error:
+        raise CertifyError(f"{source} cannot be read: {error}") from error
+    return found
 
 
-def _read(dataset: Any) -> Iterator[tuple[int | None, int, int]]:
+def _read(dataset: Any) -> Iterator[tuple[Any, Any, Any]]:
+    """Yield the seed, the first observation and the actions of each episode."""
     for episode in dataset.iterate_episodes():
         (metadata,) = dataset.storage.get_episode_metadata([episode.id])
-        seed = metadata.get("seed")
-        known = seed is not None and np.asarray(seed).dtype.kind in "iu"
-        yield (
-            digest(encode(int(np.asarray(seed)))) if known else None,
-            digest(encode(_at(episode.observations, 0))),
-            digest(encode(episode.actions)),
-        )
+        yield metadata.get("seed"), _at(episode.observations, 0), episode.actions
 
 
 def _at(values: Any, place: int) -> Any:

@@ -25,8 +25,7 @@ import numpy as np
 
 from labyrinth_core.benchmarks.encoding import leaves
 from labyrinth_core.benchmarks.episodes import Protocol, Stage
-from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import FAILURES
+from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.data.errors import one_line
 
 CHECKED = 8
@@ -139,13 +138,10 @@ def trace(protocol: Protocol, stage: Stage, seed: int) -> Trace:
                 parts = tuple(each for value, name in pairs for each in leaves(value, name))
                 steps.append((probe, step, parts))
                 if not probe and not step and protocol.state is not None:
-                    state = tuple(leaves(protocol.state(stage.env), "state"))
-    except CertifyError:
-        raise
-    except FAILURES as error:
+                    state = tuple(leaves(called(protocol.state, stage.env), "state"))
+    except EnvironmentFailure as error:
         probe, step = steps[-1][:2] if steps else (0, -1)
-        text = f"{type(error).__name__}: {one_line(error):.200}"
-        steps.append((probe, step + 1, (("error", text),)))
+        steps.append((probe, step + 1, (("error", str(error)),)))
         stage.close()
     return Trace(seed, tuple(steps), state)
 

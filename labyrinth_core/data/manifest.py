@@ -21,7 +21,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
-from labyrinth_core.data.errors import AGAIN, MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
 from labyrinth_core.data.format import TABLE_COLUMNS, open_encoded
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_json, write_text
@@ -190,8 +190,11 @@ class Manifest:
         path = folder / MANIFEST
         try:
             content = read_json(path)
+            _require(content, {"format": object})
             form = content["format"]
             if form in (FORMAT, FORMAT_OF_CHUNKS):
+                kinds = {"config": dict, "versions": dict, "shards": list}
+                _require(content, kinds if companion else kinds | {"labyrinths": object})
                 found = cls(
                     config=DatasetConfig.from_json(content["config"]),
                     versions={str(key): str(value) for key, value in content["versions"].items()},
@@ -203,11 +206,10 @@ class Manifest:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
-        except MALFORMED as error:
+        except (ValueError, RecursionError) as error:
             # Not chained: the message of `error` may hold control characters from the file.
-            raise DatasetError(
-                f"{path} cannot be read: {_why_malformed(error)}; {REBUILD}"
-            ) from None
+            reason = printable(one_line(error))[:200]
+            raise DatasetError(f"{path} cannot be read: {reason}; {REBUILD}") from None
         if form not in (FORMAT, FORMAT_OF_CHUNKS):
             raise DatasetError(
                 f"{path} has format {form!r:.60}, and this version reads {FORMAT} and "
@@ -222,13 +224,16 @@ class Manifest:
         return found
 
 
-def _why_malformed(error: Exception) -> str:
-    """Return why a manifest is malformed, in at most 200 printable characters."""
-    if isinstance(error, KeyError):
-        return f"it has no {error!s:.60}"
-    if isinstance(error, ValueError | RecursionError):
-        return printable(one_line(error))[:200]
-    return "it is not the manifest of a dataset"
+def _require(content: Any, kinds: Mapping[str, type]) -> None:
+    """Raise ValueError unless a JSON value is an object with these fields of these types."""
+    foreign = "it is not the manifest of a dataset"
+    if not isinstance(content, dict):
+        raise ValueError(foreign)
+    for name, kind in kinds.items():
+        if name not in content:
+            raise ValueError(f"it has no {name!r}")
+        if not isinstance(content[name], kind):
+            raise ValueError(foreign)
 
 
 def replaced(folder: object) -> DatasetError:

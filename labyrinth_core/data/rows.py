@@ -8,7 +8,7 @@ from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,9 @@ TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
 TOGETHER = 64
 """Row groups read together when pictures are not: parsing many texts at once is faster. Fewer if
 their texts exceed `MOST_TEXTS`."""
+
+
+Batch = TypeVar("Batch")
 
 
 class Rows(NamedTuple):
@@ -140,13 +143,13 @@ def rows_together(
         file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
         for first in range(0, len(groups), together)
     )
-    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), _read(batches, place))
+    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), each_read(batches, place))
     while some := list(_some_of(blocks, together)):
         yield joined(some)
 
 
-def _read(batches: Iterator[pa.RecordBatch], place: object) -> Iterator[pa.RecordBatch]:
-    """Yield batches; a read error becomes a DatasetError that names `place`."""
+def each_read(batches: Iterator[Batch], place: object) -> Iterator[Batch]:
+    """Yield what Arrow reads; an error in reading it becomes a DatasetError that names `place`."""
     while True:
         with readable(place):
             found = list(islice(batches, 1))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.dataset import HUB_ID
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import read_run
@@ -29,7 +29,7 @@ PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28, GRAPH: 1 << 28}
 """The size limit of each file, in bytes; the weights of the largest network here take 46 MB."""
 
-_UNREADABLE = (OSError, *MALFORMED)
+_UNREADABLE = (OSError, ValueError, RecursionError)
 """Exceptions for a file that cannot be read or has invalid content."""
 
 

@@ -10,10 +10,8 @@ from dataclasses import Field, asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypeVar
 
-from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
 
 CONFIG = "config.json"
@@ -159,6 +157,9 @@ class PolicySpec:
 
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
+        from labyrinth_core.evaluation.answers import PolicyError
+        from labyrinth_core.pictures.vector import tile_count
+
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":
             own = network.height, network.width, tile_count(Task(network.task))

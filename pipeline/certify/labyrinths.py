@@ -16,6 +16,7 @@ from rich.table import Column, Table
 
 from labyrinth_core.data.dataset import why_unavailable
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.rows import each_read
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.source_text import printable_line
@@ -214,10 +215,12 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
 def _infos(source: str, stream: Any) -> Iterator[str]:
     with readable(source):
         tables = stream.with_format("arrow").iter(batch_size=256)
-        for table in tables:
-            if "info" not in table.column_names:
-                raise DatasetError(f"{source} has no column info")
-            for info in table["info"].to_pylist():
-                if not isinstance(info, str):
-                    raise DatasetError(f"{source}: info={info!r}: every row needs a text")
-                yield info
+    for table in each_read(tables, source):
+        if "info" not in table.column_names:
+            raise DatasetError(f"{source} has no column info")
+        with readable(source):  # A text may not be UTF-8.
+            infos = table["info"].to_pylist()
+        for info in infos:
+            if not isinstance(info, str):
+                raise DatasetError(f"{source}: info={info!r}: every row needs a text")
+            yield info

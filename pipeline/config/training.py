@@ -15,7 +15,6 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
@@ -165,6 +164,8 @@ def named(given: str, name: str, load: Callable[[str], Any] = import_module) -> 
     Raises:
         ConfigError: The module, or the name in it, does not exist.
     """
+    from labyrinth_core.evaluation.answers import PolicyError
+
     module, _, attribute = name.partition(":")
     here = str(Path.cwd())
     if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.

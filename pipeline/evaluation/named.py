@@ -81,24 +81,24 @@ def judge_named(job: Job[EvaluateOptions]) -> Judged:
             observation=observation,
             image_size=asked.image_size,
         )
-        shown: dict[str, Any] = {
-            "observation": spec.observation,
-            "image_size": spec.image_size,
-            "revision": options.revision,
-        }
-        results = evaluate(
-            policy,
-            source_of(job),
-            job.dataset.name,
-            episodes=asked.episodes,
-            seed=job.dataset.seed,
-            splits=asked.splits or None,
-            **shown,
-        )
     except PolicyError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
+    shown: dict[str, Any] = {
+        "observation": spec.observation,
+        "image_size": spec.image_size,
+        "revision": options.revision,
+    }
+    results = evaluate(
+        policy,
+        source_of(job),
+        job.dataset.name,
+        episodes=asked.episodes,
+        seed=job.dataset.seed,
+        splits=asked.splits or None,
+        **shown,
+    )
     load = partial(load_arrays, source_of(job), job.dataset.name, resize=spec.resize, **shown)
     return Judged(about, Player.of(policy, job.dataset.seed), load, results, path, key)
 

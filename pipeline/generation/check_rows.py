@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import one_line, readable
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
 from labyrinth_core.data.storage import AnyPath
@@ -185,10 +185,14 @@ def _of_parent(
 
 def _structures_of(folder: AnyPath, shard: Shard) -> Iterator[Structure]:
     """Yield the structure of each labyrinth of a shard; raise DatasetError if it is damaged."""
-    with readable(folder / shard.path):
-        blocks = Part(folder, [shard]).rows(pictures=False)
-        infos = (rows.texts[n] for rows in blocks for n in rows.info[rows.episode_starts].tolist())
-        yield from (parse(info).structure for info, _ in groupby(infos))
+    blocks = Part(folder, [shard]).rows(pictures=False)
+    infos = (rows.texts[n] for rows in blocks for n in rows.info[rows.episode_starts].tolist())
+    for info, _ in groupby(infos):
+        try:
+            yield parse(info).structure
+        except LabyrinthError as error:
+            reason = f"{folder / shard.path} cannot be read: {one_line(error)}"
+            raise DatasetError(reason) from error
 
 
 def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
@@ -274,11 +278,11 @@ def _differing(found: Row, right: Row, *, same_bytes: bool) -> Iterator[tuple[st
             yield name.removesuffix("_path"), f"{value!r:.99}, not {its!r}"
     if found.obs != right.obs:
         try:
-            digest = PictureDigest(strips_in(_decoded(found.obs))).digest({})
+            picture = _decoded(found.obs)
         except ValueError as error:
             yield "obs", str(error)
             return
-        if digest != right.picture_digest:
+        if PictureDigest(strips_in(picture)).digest({}) != right.picture_digest:
             yield "obs", "not the picture of the state that the actions lead to"
         elif same_bytes:
             yield "obs", "the right pixels, but not the encoder's bytes"

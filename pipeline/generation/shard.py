@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
@@ -126,7 +126,7 @@ def finished(job: ShardJob) -> Shard | None:
 
     Either an earlier run made it, or it is copied from the finished dataset.
     """
-    with suppress(FileNotFoundError, *MALFORMED):
+    with suppress(FileNotFoundError, ValueError, RecursionError):
         mark, shard, facts = left(job)
         if mark == _mark(job, facts) and file_sha256(job.path) == shard.sha256:
             return shard
@@ -188,11 +188,13 @@ def left(job: ShardJob) -> tuple[str, Shard, Facts]:
 
     Raises:
         FileNotFoundError: The shard is not finished.
-        MALFORMED: The file is damaged; any of these errors.
+        ValueError, RecursionError: The file is damaged.
     """
     content = job.sidecar.read_bytes()
     end = content.index(b"\n")
     line = json.loads(content[:end])
+    if not isinstance(line, dict) or line.keys() != {"mark", "shard"}:
+        raise ValueError(f"{job.sidecar} marks no shard")
     return (
         line["mark"],
         Shard.from_json(line["shard"]),

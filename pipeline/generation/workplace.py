@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
@@ -191,11 +191,10 @@ class Workplace:
 
     def _begun(self) -> dict[str, Any]:
         """Return the record of the unfinished build; an empty dictionary if no build has begun."""
-        with suppress(FileNotFoundError, *MALFORMED):
+        content = None
+        with suppress(FileNotFoundError, ValueError, RecursionError):
             content = json.loads((self.building / _CONFIG).read_bytes())
-            if "parts" in content:
-                return dict(content)
-        return {}
+        return content if isinstance(content, dict) and "parts" in content else {}
 
     def commit(self, manifest: Manifest) -> None:
         """Write the manifest, and move the shards of a local dataset into their final place.

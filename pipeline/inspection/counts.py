@@ -22,7 +22,7 @@ from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import Action, initial, state_index
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.solver import optimal_actions, table_and_distances
 from pipeline.inspection.leakage import Keys
 
@@ -53,20 +53,23 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
         episodes: The text, the actions and the return of each, grouped by labyrinth.
 
     Raises:
-        ValueError: A text does not describe a labyrinth, or an action is negative.
-        IndexError: An action is too large.
+        DatasetError: A text does not describe a labyrinth, or an action is not one of the four.
     """
     before = None
     for text, actions, returned in episodes:
         is_first = text != before
         if is_first:
             before = text
-            labyrinth = parse(text)
+            try:
+                labyrinth = parse(text)
+            except LabyrinthError as error:
+                raise DatasetError(one_line(error)) from error
             table, distances = table_and_distances(labyrinth)
             start = state_index(labyrinth, initial(labyrinth))
             shortest = distances[start]
-        if min(actions, default=0) < 0:
-            raise ValueError(f"{min(actions)} is not an action")
+        for action in (min(actions, default=0), max(actions, default=0)):
+            if not 0 <= action < len(Action):
+                raise DatasetError(f"{action} is not an action")
         states = [start]
         for action in actions:
             states.append(table[states[-1]][action])
@@ -83,7 +86,7 @@ def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
     groups = grouped(Part(folder, [shard]).rows(pictures=False))
     try:
         yield from routes(episode for group in groups for episode in group.each())
-    except (ValueError, IndexError, DatasetError) as error:
+    except DatasetError as error:
         if str(path) in str(error):  # From `Part.rows`.
             raise
         raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
@@ -203,10 +206,11 @@ class Counted(NamedTuple):
 
 
 def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
-    """Return the counts of episodes, which must be grouped by labyrinth.
+    """Return the counts of episodes.
 
-    Raises:
-        ValueError: A labyrinth does not have the given size (height, width).
+    Args:
+        routes: The routes of the episodes, grouped by labyrinth.
+        size: The height and the width of all their labyrinths.
     """
     labyrinths: list[Labyrinth] = []
     examples: list[Example] = []
@@ -216,8 +220,6 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
     cells = size[0] * size[1]
     for route in routes:
         if route.is_first:
-            if (held := route.labyrinth.size_name) != (asked := f"{size[0]}x{size[1]}"):
-                raise ValueError(f"a labyrinth is {held}, not {asked}")
             labyrinths.append(route.labyrinth)
             moves.append(route.shortest)
             actions.append(np.zeros(len(Action), np.int64))
@@ -255,16 +257,22 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
     return Counted(counts, Keys.of(labyrinths), content)
 
 
+def _of_size(size: tuple[int, int], routes: Iterable[Route], path: AnyPath) -> Iterator[Route]:
+    """Yield routes; raise DatasetError if one is in a labyrinth that does not have the size."""
+    expected = f"{size[0]}x{size[1]}"
+    for route in routes:
+        if (held := route.labyrinth.size_name) != expected:
+            raise DatasetError(f"{path} cannot be read: a labyrinth is {held}, not {expected}")
+        yield route
+
+
 def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted:
     """Return the counts of one shard.
 
     Raises:
         DatasetError: The file is missing or damaged, or differs from its manifest.
     """
-    try:
-        counted = count_routes(routes_of(folder, shard), size)
-    except ValueError as error:
-        raise DatasetError(f"{folder / shard.path} cannot be read: {error}") from error
+    counted = count_routes(_of_size(size, routes_of(folder, shard), folder / shard.path), size)
     counts = counted.counts
     found = (counts.labyrinths, counts.episodes, counts.rows)
     if found != (shard.labyrinths, shard.episodes, shard.rows):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path
@@ -254,21 +254,34 @@ def read_any(path: AnyPath) -> tuple[Any, str]:
         return None, content
     try:
         return _parsed(front), text
+    except ValueError as error:
+        told = f"its front matter cannot be read ({one_line(error):.200})"
+        raise DatasetError(f"{path}: {told}") from error
+
+
+def _from_yaml(call: Callable[..., Any], *arguments: Any) -> Any:
+    """Return the result of a call of PyYAML; raise ValueError for a text that it cannot read."""
+    try:
+        return call(*arguments)
     except (*MALFORMED, ArithmeticError, yaml.YAMLError) as error:  # PyYAML raises all of these.
         told = isinstance(error, (ValueError, yaml.YAMLError))
         reason = one_line(error) if told else "a value does not fit its type, or nests too deep"
         if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
             line = error.problem_mark.line + 2  # Below the fence, counted from 1.
             reason = f"line {line}: {' '.join(str(error.problem).split())}"
-        raise DatasetError(f"{path}: its front matter cannot be read ({reason:.200})") from error
+        raise ValueError(reason) from error
 
 
 def _parsed(front: str) -> Any:
-    """Return the values of a front matter; its limits are checked before a value is made."""
+    """Return the values of a front matter; its limits are checked before a value is made.
+
+    Raises:
+        ValueError: It exceeds the limits, or is not YAML.
+    """
     if len(front) > MOST_FRONT:
         raise ValueError(f"{len(front):,} characters, more than {MOST_FRONT:,}")
-    loader = yaml.SafeLoader(front)
-    root = loader.get_single_node()
+    loader = _from_yaml(yaml.SafeLoader, front)  # It refuses control characters.
+    root = _from_yaml(loader.get_single_node)
     values = 0
     nodes = [] if root is None else [(root, 1)]
     while nodes:
@@ -284,7 +297,7 @@ def _parsed(front: str) -> Any:
             is_mapping = isinstance(node, yaml.MappingNode)
             inner = chain.from_iterable(node.value) if is_mapping else node.value
             nodes += [(each, depth + 1) for each in inner]
-    return None if root is None else loader.construct_document(root)
+    return None if root is None else _from_yaml(loader.construct_document, root)
 
 
 def _are_ours(configs: object) -> bool:

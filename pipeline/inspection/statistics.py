@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, read_json
 from labyrinth_core.evaluation.schema import (
@@ -158,6 +158,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     path = folder / ANALYSIS
     try:
         content = read_json(path)
+        check_shape(content, {"fingerprint": None})
         if content["fingerprint"] != manifest.fingerprint:
             return None
         sums = Sums.read(folder)
@@ -177,7 +178,7 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
         }
     except FileNotFoundError:
         return None
-    except MALFORMED as error:
+    except (ValueError, RecursionError) as error:
         reason = f"{one_line(error):.300}; stages=analyse overwrite=true writes it again"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
 

@@ -25,7 +25,7 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
     AnyPath,
     RemotePath,
@@ -102,9 +102,9 @@ class Sums:
         parts = text.partition(f"{_LEFT}\n")[::2]
         made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
         key = None
-        with suppress(*MALFORMED):
-            key = next((dict(json.loads(each)) for each in _KEY.findall(text)), None)
-        found = cls(folder, key, made, left)
+        with suppress(ValueError, RecursionError):
+            key = next(map(json.loads, _KEY.findall(text)), None)
+        found = cls(folder, key if isinstance(key, dict) else None, made, left)
         lines = sorted(found._text(with_hash=False).splitlines())
         is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
         if is_whole and text.endswith("\n") and (found.hashes or key):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 from functools import partial
 from itertools import chain, zip_longest
 from typing import Any
@@ -10,7 +11,7 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError, one_line, readable
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import check_file, check_footer
+from labyrinth_core.data.rows import check_file, check_footer, each_read
 from labyrinth_core.data.storage import AnyPath, local_copy
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
@@ -71,21 +72,25 @@ def _check(
     path = folder / shard.path
     wrong: dict[str, int] = {}
     try:
-        with readable(path), local_copy(path) as local:
+        with ExitStack() as stack:
+            with readable(path):
+                local = stack.enter_context(local_copy(path))
             check_file(local, shard, path)
-            with pq.ParquetFile(local) as file:
-                schema = arrow_schema(QUESTION_COLUMNS)
-                if not file.schema_arrow.equals(schema, check_metadata=False):
-                    return [f"{path}: its columns are not those of questions"]
-                check_footer(file, shard, path)
-                batches = map(pa.RecordBatch.to_pylist, file.iter_batches(GROUP_ROWS))
-                pairs = zip_longest(chain.from_iterable(batches), questions_of(dataset, about))
-                for number, (row, right) in enumerate(pairs):
-                    if row is None or right is None:
-                        return [f"{path}: it has too few or too many rows, from row {number} on"]
-                    for name in right:
-                        if row[name] != right[name] and (same_bytes or name not in PICTURES):
-                            wrong.setdefault(name, number)
+            with readable(path):
+                file = stack.enter_context(pq.ParquetFile(local))
+            schema = arrow_schema(QUESTION_COLUMNS)
+            if not file.schema_arrow.equals(schema, check_metadata=False):
+                return [f"{path}: its columns are not those of questions"]
+            check_footer(file, shard, path)
+            # Converted as they are read, since a text may not be UTF-8.
+            batches = map(pa.RecordBatch.to_pylist, file.iter_batches(GROUP_ROWS))
+            rows = chain.from_iterable(each_read(batches, path))
+            for number, (row, right) in enumerate(zip_longest(rows, questions_of(dataset, about))):
+                if row is None or right is None:
+                    return [f"{path}: it has too few or too many rows, from row {number} on"]
+                for name in right:
+                    if row[name] != right[name] and (same_bytes or name not in PICTURES):
+                        wrong.setdefault(name, number)
     except DatasetError as error:
         return [one_line(error)]
     return [f"{path} row {row} {name}: not what the labyrinth gives" for name, row in wrong.items()]

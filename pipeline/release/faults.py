@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from json import JSONDecodeError
@@ -23,9 +24,8 @@ WAITS = (0.2, 1.0, 3.0)
 FAULTS = (HTTPError, JSONDecodeError)
 """What the client raises for such an error; the second if it parses an error page as JSON."""
 
-UNUSABLE = (HTTPError, ValueError, ConnectionError, RuntimeError, errors.FileMetadataError)
-"""What the client raises for calls that cannot succeed; a failed upload of contents raises a
-RuntimeError or a ConnectionError."""
+UNUSABLE = (HTTPError, ConnectionError, errors.FileMetadataError)
+"""What the client alone raises for calls that cannot succeed."""
 
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 """What the client raises, since version 1.19, if a job cannot prove its identity to the Hub."""
@@ -79,6 +79,17 @@ def explained(repo_id: str) -> Iterator[None]:
         raise
     except (*UNUSABLE, NO_TOKEN) as error:
         raise PublishError(_explanation(error, repo_id)) from error
+    except (ValueError, RuntimeError) as error:  # A failed upload of contents raises the second.
+        if not _is_of_client(error):
+            raise
+        raise PublishError(_explanation(error, repo_id)) from error
+
+
+def _is_of_client(error: Exception) -> bool:
+    """Return whether the Hub's client, or code that it calls, raised an error."""
+    frames = traceback.walk_tb(error.__traceback__)
+    modules = (str(frame.f_globals.get("__name__", "")) for frame, _ in frames)
+    return any(module.partition(".")[0] == "huggingface_hub" for module in modules)
 
 
 def _explanation(error: Exception, repo_id: str) -> str:

@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import read_json, temporaries
 from labyrinth_core.evaluation.description import is_day
@@ -142,7 +142,7 @@ class Season:
             season._check()
         except FileNotFoundError as error:
             raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
-        except (OSError, *MALFORMED) as error:
+        except (OSError, ValueError, RecursionError) as error:
             raise DatasetError(f"{place.season} is invalid: {one_line(error):.300}") from error
         if season.name != place.public.name:
             raise DatasetError(f"{place.season} is of the season {season.name}")

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
@@ -249,7 +249,7 @@ def read_list(place: Place, season: Season) -> list[Any]:
         check_shape(content, Exactly({"season": season.name, "judged": Each(None)}))
     except FileNotFoundError:
         return []
-    except (OSError, *MALFORMED) as error:
+    except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error

@@ -21,7 +21,7 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import write_bytes
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
@@ -184,7 +184,15 @@ def _read_checkpoint(path: Path) -> tuple[Tensors, dict[str, Any]]:
         tensors, texts = read_tensors(path)
         if texts.get("sha256") != _digest(tensors, texts.get("state", "")):
             raise ValueError("it is damaged: its sha256 is not the one in its header")
-        return tensors, dict(json.loads(texts["state"]))
+        return tensors, _object(texts, "state")
+
+
+def _object(texts: Mapping[str, str], name: str) -> dict[str, Any]:
+    """Return the JSON object in a text of a file of tensors; raise ValueError without one."""
+    found = json.loads(texts.get(name, "null"))
+    if not isinstance(found, dict):
+        raise ValueError(f"its header has no {name}")
+    return found
 
 
 @contextmanager
@@ -194,7 +202,7 @@ def _explained(path: Path) -> Iterator[None]:
         yield
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: stages=train makes it") from error
-    except (OSError, *MALFORMED) as error:
+    except (OSError, ValueError, RecursionError) as error:
         reason = f"{path} cannot be read: {one_line(error):.300}"
         raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
 
@@ -223,7 +231,7 @@ def read_policy(
     """
     with _explained(path):
         tensors, texts = read_tensors(path)
-        actual = dict(json.loads(texts["network"]))
+        actual = _object(texts, "network")
     require_same(f"{path} is a policy", actual, asdict(spec))
     network = make(spec).to(device)
     try:
