@@ -77,8 +77,13 @@ def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied
     before = content_of(copied.data_dir)
     questions.run(copied)
     assert "is there already" in capsys.readouterr().out
-    (folder / TEST).write_bytes(b"damaged")
+    (folder / TEST).unlink()
     questions.run(copied)
+    assert content_of(copied.data_dir) == before
+    (folder / TEST).write_bytes(b"damaged")
+    with pytest.raises(DatasetError, match=f"{TEST}, damaged or changed .*: give overwrite=true"):
+        questions.run(copied)
+    questions.run(replace(copied, options=replace(copied.options, overwrite=True)))
     assert content_of(copied.data_dir) == before
 
 
