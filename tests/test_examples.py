@@ -34,7 +34,7 @@ def test_a_recipe_is_short_and_stands_by_itself(recipe):
 
 
 def test_plain_pytorch_learns_its_demonstrations(small_dataset):
-    results = run("plain_pytorch", folder=small_dataset.source, config="3x3", epochs=100)
+    results = run("plain_pytorch", folder=small_dataset.data_dir, config="3x3", epochs=100)
     assert tuple(results.splits) == EVALUATED_SPLITS
     assert results.splits["train"].sr == 1
 

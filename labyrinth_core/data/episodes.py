@@ -104,7 +104,7 @@ def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str
     return row, f"row {before + row}{reason}"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class LoadedEpisode:
     """One episode of a dataset."""
 
@@ -129,6 +129,12 @@ class LoadedEpisode:
     def __len__(self) -> int:
         """Return the number of transitions."""
         return len(self.actions)
+
+    def __repr__(self) -> str:
+        """Return the number of steps, how they end, the labyrinth and what is observed."""
+        end, seen = "terminated" if self.terminated else "truncated", self.observations
+        steps = f"{len(self)} steps in {self.labyrinth_id:016x}, {end}"
+        return f"LoadedEpisode({steps}; observations {seen.shape} {seen.dtype})"
 
 
 @dataclass(frozen=True, eq=False)

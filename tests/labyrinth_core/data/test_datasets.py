@@ -341,6 +341,16 @@ def test_a_dataset_and_its_selections_are_pickled(data: Dataset) -> None:
 # Notebooks.
 
 
+def test_an_episode_is_shown_in_one_line(data: Dataset) -> None:
+    (episode,) = data["test"].sample_episodes(1, image_size=8)
+    steps = len(episode)
+    number = f"{episode.labyrinth_id:016x}"
+    shape = (steps + 1, 8, 8, 3)
+    assert repr([episode]) == (
+        f"[LoadedEpisode({steps} steps in {number}, terminated; observations {shape} uint8)]"
+    )
+
+
 def test_a_notebook_shows_the_picture_of_a_labyrinth(data: Dataset) -> None:
     shown: dict[tuple[str, str], Any] = {}
 
