@@ -69,10 +69,9 @@ def name(certificate: Certificate) -> str:
 def row(certificate: Certificate) -> list[str]:
     """Return the row of an environment."""
     levels, spread = certificate["levels"], certificate["spread"]
-    seen = f"{levels['seen']:,} of {levels['seeds']:,}"
     shares = [share(certificate, measure) for measure in MEASURES]
     spread = f"{100 * spread['share']:.2g}" if spread else ""
-    return [name(certificate), seen, *estimates(levels), *shares, spread]
+    return [name(certificate), f"{levels['seen']:,}", *estimates(levels), *shares, spread]
 
 
 def estimates(levels: dict[str, Any]) -> list[str]:
@@ -92,10 +91,13 @@ def share(certificate: Certificate, measure: str) -> str:
 
 
 def draw() -> Figure:
-    """Return a figure of the share of test in train by the number of training seeds."""
+    """Return a figure of the share of test in train by the number of training seeds.
+
+    It has no environment that only first observations tell apart.
+    """
     figure = Figure(figsize=(7.2, 5.2), layout="constrained")
     panel = figure.subplots()
-    drawn = [each for each in kept() if best(each) > 0]
+    drawn = [each for each in kept() if best(each) > 0 and each["levels"]["by"] != "first"]
     heights: list[float] = []
     for each in drawn:
         by = each["levels"]["by"]
@@ -113,7 +115,7 @@ def draw() -> Figure:
             va="center",
             fontsize=7.5,
             color=colour,
-            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.4},
+            arrowprops={"arrowstyle": "-", "color": INK, "lw": 0.4, "relpos": (0, 0.5)},
             annotation_clip=False,
         )
     panel.set_xscale("log")
