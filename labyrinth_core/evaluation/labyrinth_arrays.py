@@ -45,7 +45,7 @@ class LabyrinthArrays:
 
     observations: NDArray[Any] | Looks
     """The observation of each state: uint8 (S, size, size, 3), int32 vectors (S, length), or texts
-    (S,). More than 1 GiB of pictures is not held, but drawn whenever states are indexed."""
+    (S,). More than 1 GiB of them is not held, but made whenever states are indexed."""
     labyrinth: NDArray[np.int64]
     """The index of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     state: NDArray[np.int64]
@@ -187,10 +187,9 @@ def load_arrays(
         count = sum(each.labyrinths for each in part.shards)
         count = count if part.spans is None else len(part.spans[0])
         needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
-        pictures = " and up to 1 GB of pictures" if observation == "image" else ""
         raise DatasetError(
-            f"split={split}: the states of {count:,} labyrinths take about {needed / 1e9:,.1f} GB"
-            f"{pictures}, more than there is memory: give fewer labyrinths"
+            f"split={split}: the states of {count:,} labyrinths take about {needed / 1e9:,.1f} GB, "
+            "and what is seen in them up to 1 GB, more than there is memory: give fewer labyrinths"
         ) from error
 
 
