@@ -42,7 +42,7 @@ Increase it with any change of a pixel.
 """
 
 HELD_BYTES = 2**30
-"""Above this many bytes, pictures of all states of a split are not held, but drawn when indexed."""
+"""Above this many bytes, observations of all states are not held, but made when indexed."""
 
 KEPT_BYTES = 2**28
 """Above this many bytes, the scenes of pictures that are drawn when indexed are not kept either."""
@@ -236,7 +236,7 @@ class Looks:
     def held(self) -> NDArray[Any] | Looks:
         """Return all observations as an array, or this object if they exceed `HELD_BYTES`."""
         count, numbers = len(self), np.arange(len(self))
-        if self._spec.observation == "image" and count * 3 * self._spec.image_size**2 > HELD_BYTES:
+        if count * self[numbers[:1]].nbytes > HELD_BYTES:
             return self
         if not self._alike:
             return self[numbers]

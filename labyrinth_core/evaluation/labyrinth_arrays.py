@@ -45,7 +45,7 @@ class LabyrinthArrays:
 
     observations: NDArray[Any] | Looks
     """The observation of each state: uint8 (S, size, size, 3), int32 vectors (S, length), or texts
-    (S,). More than 1 GiB of pictures is not held, but drawn whenever states are indexed."""
+    (S,). More than 1 GiB of them is not held, but made whenever states are indexed."""
     labyrinth: NDArray[np.int64]
     """The index of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     state: NDArray[np.int64]
@@ -193,10 +193,10 @@ def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
         count = sum(each.labyrinths for each in part.shards)
         count = count if part.spans is None else len(part.spans[0])
         needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
-        pictures = " and up to 1 GB of pictures" if spec.observation == "image" else ""
         raise DatasetError(
             f"split={query.split}: the states of {count:,} labyrinths take about "
-            f"{needed / 1e9:,.1f} GB{pictures}, more than there is memory: give fewer labyrinths"
+            f"{needed / 1e9:,.1f} GB, and what is seen in them up to 1 GB, more than there is "
+            "memory: give fewer labyrinths"
         ) from error
 
 

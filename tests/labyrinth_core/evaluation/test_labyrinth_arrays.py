@@ -115,6 +115,20 @@ def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
     assert drawn[states[:0]].shape == held[:0].shape
 
 
+@pytest.mark.parametrize("config", CONFIGS.values())
+@pytest.mark.parametrize("observation", ["vector", "text"])
+def test_vectors_and_texts_that_are_too_many_to_hold_are_made_when_they_are_looked_at(
+    datasets, config, observation, monkeypatch
+):
+    load = partial(load_arrays, datasets, config, "test", observation=observation)
+    held = load().observations
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    made = load().observations
+    assert isinstance(made, Looks)
+    states = np.arange(len(held))[::-2]
+    np.testing.assert_array_equal(made[states], held[states])
+
+
 @pytest.mark.parametrize("observation", observations.OBSERVATIONS)
 def test_labyrinths_of_several_looks_are_each_drawn_in_their_own(datasets, observation):
     labyrinths = list(labyrinths_of(datasets, "3x4", "test").values())
@@ -176,8 +190,8 @@ def test_too_little_memory_for_the_states_is_said_with_how_much_they_take(
 
     monkeypatch.setattr(labyrinth_arrays, "tabulate", exhausted)
     monkeypatch.setattr(labyrinth_arrays, "STATE_BYTES", 10**9)
-    needed = f"{12 * count:.1f} GB and up to 1 GB of pictures"
-    told = f"split=test: the states of {count} labyrinths take about {needed}, more than there is"
+    needed = f"{12 * count:.1f} GB, and what is seen in them up to 1 GB, more than there is"
+    told = f"split=test: the states of {count} labyrinths take about {needed}"
     with pytest.raises(DatasetError, match=told):
         load_arrays(datasets, "3x4", "test", **some)
 

@@ -18,7 +18,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, play
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.observations import parts_of
 from labyrinth_core.learning.steps import Steps, draw
+from labyrinth_core.policies.networks.acting import BATCH
 from labyrinth_core.policies.networks.network import ACTIONS
 
 VISITS = 5
@@ -64,8 +66,7 @@ class AuthorsLearner(Learner):
         # A fixed seed of its own, so that evaluation does not change training.
         rng = np.random.default_rng(0)
         of_train, of_validation = (
-            cls.chances_in_training(torch.as_tensor(policy(arrays.observations)))
-            for arrays in (train, validation)
+            cls.chances_in_training(_scores(policy, arrays)) for arrays in (train, validation)
         )
         episodes, _ = try_out(train, of_train, rng, cls.visits)
         rows = rows_of(validation)
@@ -78,9 +79,15 @@ class AuthorsLearner(Learner):
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:
-        chances = cls.chances(torch.as_tensor(policy(arrays.observations)))
+        chances = cls.chances(_scores(policy, arrays))
         episodes, _ = try_out(arrays, chances, np.random.default_rng(0), cls.visits)
         return Scores.of(episodes, arrays).summary()
+
+
+def _scores(policy: Policy, arrays: LabyrinthArrays) -> Tensor:
+    """Return a policy's scores in all states, of which more may exist than fit into memory."""
+    parts = parts_of(len(arrays.observations), BATCH)
+    return torch.cat([torch.as_tensor(policy(arrays.observations[part])) for part in parts])
 
 
 def rows_of(arrays: LabyrinthArrays) -> Steps:
