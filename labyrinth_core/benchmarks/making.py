@@ -51,14 +51,15 @@ class Maker:
             )
         import gymnasium
 
-        package = next((of for start, of in REGISTERED_BY if environment.startswith(start)), None)
+        module, _, name = environment.rpartition(":")
+        if not module:
+            module = next((of for start, of in REGISTERED_BY if name.startswith(start)), "")
         try:
-            if package is not None:
-                import_module(package)
-            return cls(environment, gymnasium.spec(environment))
+            if module:
+                import_module(module)
+            return cls(environment, gymnasium.spec(name))
         except (gymnasium.error.Error, ImportError, ValueError) as error:
-            hint = "" if package or ":" in environment else "; if its package is not imported, "
-            hint += "give module:ID" if hint else ""
+            hint = "" if module else "; if its package is not imported, give module:ID"
             raise CertifyError(f"{environment}: {one_line(error)}{hint}") from error
 
     def make(self) -> Any:
