@@ -51,16 +51,15 @@ class Maker:
             )
         import gymnasium
 
-        # `gymnasium.make` imports the module of `module:ID`; `gymnasium.spec` does not.
-        module, colon, identifier = environment.rpartition(":")
-        package = next((of for start, of in REGISTERED_BY if identifier.startswith(start)), None)
-        imported = module if colon else package
+        module, _, name = environment.rpartition(":")
+        if not module:
+            module = next((of for start, of in REGISTERED_BY if name.startswith(start)), "")
         try:
-            if imported is not None:
-                import_module(imported)
-            return cls(environment, gymnasium.spec(identifier))
-        except (gymnasium.error.Error, ImportError, TypeError, ValueError) as error:
-            hint = "; if its package is not imported, give module:ID" if imported is None else ""
+            if module:
+                import_module(module)
+            return cls(environment, gymnasium.spec(name))
+        except (gymnasium.error.Error, ImportError, ValueError) as error:
+            hint = "" if module else "; if its package is not imported, give module:ID"
             raise CertifyError(f"{environment}: {one_line(error)}{hint}") from error
 
     def make(self) -> Any:

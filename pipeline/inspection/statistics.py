@@ -168,19 +168,19 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
         leakage = content["leakage"]
         for pair in leakage["pairs"]:
             check_shape(leakage["labyrinths"], {pair["second"]: COUNT}, "it.leakage.labyrinths")
-        return {
-            "labyrinths": leakage["labyrinths"],
-            "repeated": leakage["repeated"],
-            "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
-            "pairs": [_pair(pair) for pair in leakage["pairs"]],
-            "permutations": content["shift"]["permutations"],
-            "shift": content["shift"]["measures"],
-        }
     except FileNotFoundError:
         return None
     except (ValueError, RecursionError) as error:
         reason = f"{one_line(error):.300}; stages=analyse overwrite=true writes it again"
         raise DatasetError(f"{path} cannot be read: {reason}") from error
+    return {
+        "labyrinths": leakage["labyrinths"],
+        "repeated": leakage["repeated"],
+        "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
+        "pairs": [_pair(pair) for pair in leakage["pairs"]],
+        "permutations": content["shift"]["permutations"],
+        "shift": content["shift"]["measures"],
+    }
 
 
 def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from deceiving import TWELVE, Corridor, FailsAtTimes, HashSeed, Late
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import CertifyError, certification, repeats
+from labyrinth_core.benchmarks.making import Maker
 from labyrinth_core.benchmarks.repeats import AGAIN, HASHES
 
 quick = partial(certify, probes=2, steps=16, progress=False)
@@ -203,6 +204,15 @@ def test_a_state_stands_where_nothing_that_is_seen_repeats():
     assert found.first is found.probes is None
     assert found.state.count == 5
     assert found.disjoint() == [5, 6, 7, 8, 9]
+
+
+def test_the_module_before_an_id_is_imported_and_may_register_it(tmp_path, monkeypatch):
+    registers = "import gymnasium\ngymnasium.register('Made-v0', lambda: gymnasium.Env())\n"
+    (tmp_path / "made_here.py").write_text(registers, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    found = Maker.of("made_here:Made-v0")
+    assert found.name == "made_here:Made-v0"
+    assert isinstance(found.make().unwrapped, gymnasium.Env)
 
 
 @pytest.mark.usefixtures("one_interpreter")

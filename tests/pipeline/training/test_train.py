@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import re
 import shutil
@@ -17,12 +16,12 @@ import pytest
 import torch
 from making import Run
 
-import pipeline.training
 from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
+from pipeline.config.training import check_training
 from pipeline.evaluation.trained import judge_trained
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
@@ -218,9 +217,9 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(ConfigError, match=r"pip install 'labyrinth-datasets\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
-    monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
+    monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
-        importlib.reload(pipeline.training)
+        check_training(run_of().options)
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(

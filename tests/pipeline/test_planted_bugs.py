@@ -1,0 +1,152 @@
+"""A bug in an inner function of a stage gives a traceback, and does not pass for a user's error."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import chdir
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+from composing import composed
+from policies import RELEASED
+
+from pipeline.config.stages import STAGES
+
+pytestmark = pytest.mark.slow
+
+DATASET = ("size=3", "labyrinths=16", "random_steps=5")
+TRAINING = ("method=bc", "method.epochs=1", "encoder=mlp", "observation=vector")
+SEASON = ("season.name=a", "season.date=2030-01-01", *DATASET)
+
+PLANTS = {
+    "build": [
+        (("data_dir=other",), "pipeline.generation.shard:render"),
+        ((), "labyrinth_core.data.manifest:TableFile.from_json"),
+    ],
+    "validate": [
+        ((), "labyrinth_core.data.manifest:Shard.from_json"),
+        ((), "pipeline.generation.check_rows:_remade"),
+        ((), "pipeline.questions.check:routes_of"),
+    ],
+    "analyse": [((), "pipeline.inspection.counts:table_and_distances")],
+    "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
+    "card": [((), "pipeline.inspection.statistics:_pair")],
+    "report": [
+        ((), "pipeline.inspection.statistics:_pair"),
+        ((), "pipeline.inspection.counts:table_and_distances"),
+    ],
+    "publish": [
+        (
+            ("publish.repo_id=user/labyrinth", "publish.version=1.0.0", "publish.dry_run=true"),
+            "pipeline.release.publish:write_card",
+        )
+    ],
+    "export": [(("export=imitation",), "pipeline.export.stage:write_text")],
+    "train": [
+        ((*TRAINING, "overwrite=true"), "pipeline.training.loop:_select"),
+        (TRAINING, "labyrinth_core.policies.record:check_shape"),
+    ],
+    "evaluate": [
+        ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
+        ((f"policy={RELEASED}",), "pipeline.evaluation.named:evaluate"),
+        ((*TRAINING, "overwrite=true"), "pipeline.training.checkpoint:_object"),
+    ],
+    "results": [((), "labyrinth_core.evaluation.results:check_shape")],
+    "certify": [
+        (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
+        (
+            (
+                "certify.source=gymnasium:CartPole-v1",
+                "certify.train=0:4",
+                "certify.test=4:8",
+            ),
+            "labyrinth_core.benchmarks.episodes:encode",
+        ),
+    ],
+    "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
+    "judge": [
+        ((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.commitment:Season._check")
+    ],
+    "reveal": [(SEASON, "pipeline.season.commitment:Season._check")],
+    "verify": [(SEASON, "pipeline.season.commitment:Season._check")],
+}
+"""Stage -> options, and a function that it calls."""
+
+READERS = (
+    "from_json",
+    "check_shape",
+    "parse",
+    "question",
+    "_read",
+    "_object",
+    "check_rows",
+    "_check",
+)
+"""Functions whose ValueError says what is wrong with a user's file."""
+
+
+def kinds_in(place: str) -> list[type[Exception]]:
+    """Return the kinds of errors that come out as they are, if a function raises them."""
+    return [KeyError, TypeError, *(() if place.endswith(READERS) else (ValueError,))]
+
+
+def perform(stage: str, *options: str) -> None:
+    """Run a stage in this process, in the working directory."""
+    run = composed(*(DATASET if stage != "certify" else ()), *options, f"stages=[{stage}]")
+    import_module(STAGES[stage].module).run(run)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with what the stages read: a dataset, a run with results, a season."""
+    folder = tmp_path_factory.mktemp("made")
+    with chdir(folder):
+        perform("build")
+        for stage, options in (
+            ("analyse", ()),
+            ("questions", ()),
+            ("train", TRAINING),
+            ("evaluate", TRAINING),
+            ("season", SEASON),
+        ):
+            if stage in STAGES:
+                perform(stage, *options)
+    return folder
+
+
+@pytest.fixture
+def in_copy(made: Path, tmp_path: Path) -> Iterator[None]:
+    """Make a copy of it the working directory."""
+    with chdir(shutil.copytree(made, tmp_path / "copy")):
+        yield
+
+
+@pytest.mark.usefixtures("in_copy")
+@pytest.mark.parametrize(
+    ("stage", "options", "place", "kind"),
+    [
+        pytest.param(stage, options, place, kind, id=f"{stage} {place} {kind.__name__}")
+        for stage in STAGES
+        for options, place in PLANTS[stage]
+        for kind in kinds_in(place)
+    ],
+)
+def test_a_bug_that_is_planted_in_a_stage_comes_out_as_it_is(
+    monkeypatch: pytest.MonkeyPatch,
+    stage: str,
+    options: tuple[str, ...],
+    place: str,
+    kind: type[Exception],
+) -> None:
+    planted = kind("planted")
+
+    def bug(*_: object, **__: object) -> None:
+        raise planted
+
+    module, _, name = place.partition(":")
+    monkeypatch.setattr(f"{module}.{name}", bug)
+    with pytest.raises(kind) as raised:
+        perform(stage, *options)
+    assert raised.value is planted
