@@ -11,7 +11,6 @@ import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.notebooks import register as _register
 from labyrinth_core.version import __version__ as __version__
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
@@ -81,7 +80,10 @@ __all__ = [*_HOMES]
 
 
 if "IPython" in sys.modules:
-    _register(sys.modules["IPython"].get_ipython())
+    from labyrinth_core.notebooks import register
+
+    register(sys.modules["IPython"].get_ipython())
+    del register
 
 
 def __getattr__(name: str) -> Any:
