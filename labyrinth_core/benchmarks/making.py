@@ -58,7 +58,7 @@ class Maker:
             if module:
                 import_module(module)
             return cls(environment, gymnasium.spec(name))
-        except (gymnasium.error.Error, ImportError, ValueError) as error:
+        except (gymnasium.error.Error, ImportError, TypeError, ValueError) as error:
             hint = "" if module else "; if its package is not imported, give module:ID"
             raise CertifyError(f"{environment}: {one_line(error)}{hint}") from error
 

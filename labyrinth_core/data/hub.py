@@ -30,7 +30,8 @@ def prepare_client() -> None:
             cannot be sent; an error of the client's own would print it.
     """
     _seconds()
-    token = get_token() or ""
+    # With HF_OIDC_RESOURCE the Hub itself gives a job its token, at the first call that needs it.
+    token = "" if os.environ.get("HF_OIDC_RESOURCE") else get_token() or ""
     if not (token.isascii() and token.isprintable()):
         raise DatasetError(
             "the Hub token is malformed, with characters that no token has: copy it again into "

@@ -244,8 +244,10 @@ def prepare(
         say(f"Evaluations during training play {most}.")
     whole = size == DEFAULT_IMAGE_SIZE and "train" not in limited
     splits = {
-        split: train if whole and split == "train" else load(split, first=min(count, TRIED))
-        for split, count in counts.items()
+        split: train
+        if whole and split == "train"
+        else load(split, first=TRIED if split in limited else None)
+        for split in counts
     }
     part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
 

@@ -74,7 +74,7 @@ def test_a_seed_chooses_the_map_and_the_split() -> None:
     env = gymnasium.make("environments.generated:TwoSplits3x3-v0").unwrapped
     for seed, split in ((5, "train"), (TEST, "test"), (6, "train")):
         env.reset(seed=seed)
-        assert env.source.split == split
+        assert {source.split for source in env._sources} == {split}
 
 
 def test_a_row_has_the_figures_of_a_certificate_and_a_refused_measure_has_no_share() -> None:

@@ -89,8 +89,22 @@ def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]],
 
 
 def states_seen_by(learner: Learner, epochs: int) -> NDArray[np.int64]:
-    """Train for some epochs, and return the states that the learner looks at."""
-    with patch.object(Learner, "see", autospec=True, side_effect=Learner.see) as see:
+    """Train for some epochs, and return the states that the learner looks at to learn.
+
+    Those of `Learner.outputs` are left out: it computes labels and values of all states.
+    """
+    original = Learner.outputs
+
+    def outputs(*arguments: Any) -> torch.Tensor:
+        count = len(see.call_args_list)
+        computed = original(*arguments)
+        del see.call_args_list[count:]
+        return computed
+
+    with (
+        patch.object(Learner, "see", autospec=True, side_effect=Learner.see) as see,
+        patch.object(Learner, "outputs", outputs),
+    ):
         for _ in range(epochs):
             learner.epoch()
     return np.concatenate([call.args[1] for call in see.call_args_list])

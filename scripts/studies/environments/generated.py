@@ -53,7 +53,8 @@ class LabyrinthOfTwoSplits(LabyrinthEnv):
     ) -> tuple[Observation, dict[str, Any]]:
         """Begin an episode in a labyrinth of the split to which the seed belongs."""
         if seed is not None:
-            self.source = self.source._replace(split="train" if seed < TEST else "test")
+            split = "train" if seed < TEST else "test"
+            self._sources = [source._replace(split=split) for source in self._sources]
         return super().reset(seed=seed, options=options)
 
 
