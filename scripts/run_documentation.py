@@ -37,6 +37,7 @@ from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.core.override_parser.types import IntervalSweep, Override
 
 from pipeline.config.command_line import HYDRA, parsed, register
 from pipeline.config.composed import options_of, resolve
@@ -91,13 +92,21 @@ def words(name: str, text: str) -> list[list[str]]:
     return [line.strip("\0\n").split("\0") for line in seen.split("\n\0") if line.strip("\0\n")]
 
 
+def first_value(override: Override) -> object:
+    """Return the first value of a sweep, of an interval its beginning."""
+    swept = override.value()
+    if isinstance(swept, IntervalSweep):
+        return swept.start
+    return next(override.sweep_string_iterator())
+
+
 def check_options(command: list[str]) -> None:
     """Raise an error if `run.py` refuses a command's options; of a sweep, check the first run."""
     if command[:2] == ["python", "run.py"]:
         typed = map(quote_texts, parsed(command[2:]).overrides)
         given = OverridesParser.create().parse_overrides([*typed])
         values = [
-            f"{each.get_key_element()}={next(each.sweep_string_iterator())}"
+            f"{each.get_key_element()}={first_value(each)}"
             if each.is_sweep_override()
             else str(each.input_line)
             for each in given
