@@ -85,7 +85,7 @@ def benchmarks() -> Iterator[Benchmark]:
         yield Benchmark(name, "popgym", state=maze_of)
     yield Benchmark(f"{ELSEWHERE}OpenEnv-Maze-v0", "maze_env")
     yield Benchmark(f"{ELSEWHERE}ReasoningGym-Maze-v0", "reasoning_gym", probes=1, steps=1)
-    yield Benchmark(f"{ELSEWHERE}Jumanji-Maze-v0", "jumanji")
+    yield Benchmark(f"{ELSEWHERE}Jumanji-Maze-v0", "jumanji", probes=1, steps=8)
     # The seeds are those of VAGEN's examples/train, and of RAGEN's config/base.yaml: 8 new ones
     # in each of 200 training steps, and 512 for validation.
     for name, state in (("FrozenLake", lake_of), ("Sokoban", room_of)):

@@ -34,14 +34,30 @@ def certified() -> str:
 
 
 def procgen() -> str:
-    """Return the table of Procgen's games, by first pictures."""
-    heading = ["game", "train levels", "test levels", "coverage", "at least", "first"]
+    """Return the table of Procgen's games at the sizes of its paper, by first pictures."""
+    columns = ("easy-200", "hard-500")
+    shares = {each["environment"].removeprefix("procgen-"): each for each in kept(records=True)}
+    games = sorted({environment.partition("-")[0] for environment in shares})
+    rows = [
+        [game, *(share(shares[f"{game}-{column}"], "first") for column in columns)]
+        for game in games
+    ]
+    rows.sort(key=lambda row: -max(float(cell.partition(" ")[0]) for cell in row[1:]))
+    return table(["game", "easy, 200 train levels", "hard, 500 train levels"], rows)
+
+
+def procgen_views() -> str:
+    """Return the table of Procgen's games that show the whole level."""
+    heading = ["game", "levels", "train levels", "test levels", "backgrounds"]
     rows = []
     for each in kept(records=True):
-        _, game, train = each["environment"].split("-")
-        of, levels = each["measures"]["first"]["of"], each["levels"]
-        rows.append([game, f"{int(train):,}", f"{of:,}", *estimates(levels), share(each, "first")])
-    return table(heading, rows)
+        _, game, mode, train, *looks = each["environment"].split("-")
+        if looks:
+            shown = "none" if "plain" in looks else "as usual"
+            of, estimated = each["measures"]["first"]["of"], estimates(each["levels"])
+            numbers = [f"{int(train):,}", f"{of:,}"]
+            rows.append([game, mode, *numbers, shown, *estimated, share(each, "first")])
+    return table([*heading, "coverage", "at least", "first"], rows)
 
 
 def kept(records: bool = False) -> list[Certificate]:

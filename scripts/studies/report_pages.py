@@ -70,6 +70,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
     "procgen": report_benchmarks.procgen,
+    "procgen views": report_benchmarks.procgen_views,
 }
 """Name of a table -> the function that makes it."""
 
