@@ -365,12 +365,13 @@ def load_episodes(
 def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]:
     """Yield the episodes that a query requests, in order; see `load_episodes`."""
     part = query.part()
-    return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
+    rows = part.rows(pictures=spec.decodes)
+    return (episode.copy() for episode in episodes_of(rows, spec, part.config))
 
 
 def episodes_of(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
 ) -> Generator[LoadedEpisode]:
-    """Yield the episodes of rows; see `replayed`."""
+    """Yield the episodes of rows, as views of shared arrays; see `replayed`."""
     for episodes in _parts(rows, spec, config):
         yield from episodes.loaded(spec.observe(episodes))
