@@ -20,7 +20,7 @@ from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes,
 from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
+from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
 
 OBSERVATIONS = ("image", "vector", "text")
 
@@ -215,10 +215,10 @@ class Looks:
     def _keeps(self) -> bool:
         """Whether the scenes of all labyrinths are kept once they are drawn."""
         task = self._alike[0].task
-        if self._spec.observation != "image" or task is Task.PARTIAL_OBSERVABILITY:
+        if self._spec.observation != "image" or task.rules.hides:
             return False
         # At most a float64 and a byte for each channel of each pixel.
-        scenes = len(self._labyrinths) * KeptScenes.phases(task)
+        scenes = len(self._labyrinths) * task.rules.phases
         return scenes * 3 * self._spec.image_size**2 * 9 <= KEPT_BYTES
 
     def _kept(self, number: int) -> KeptScenes:
@@ -240,7 +240,7 @@ class Looks:
             return self
         if not self._alike:
             return self[numbers]
-        cells = self._alike[0].ice.shape[1]
+        cells = self._alike[0].ground.shape[1]
         together = max(1, min(self._spec.together, DRAWN_CELLS // cells))
         first = self[numbers[:together]]
         found = np.empty((count, *first.shape[1:]), first.dtype)

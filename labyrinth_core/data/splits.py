@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.labyrinth import Look
 
 
 class Refusal(NamedTuple):
@@ -66,9 +66,7 @@ _NOISE = Refusal(
     lambda noise: noise > 0,
     "with demonstrations.noise the demonstrated route may not be shortest",
 )
-_ICE = Refusal(
-    "task", lambda task: task is Task.ICY_FLOOR, "ice only matters where there are loops"
-)
+_NEEDS_LOOPS = Refusal("task", lambda task: bool(task.rules.needs_loops), "{0.rules.needs_loops}")
 _NO_LOOPS = Refusal(
     "open_walls", lambda share: share == 0, "with open_walls=0 train has no loops already"
 )
@@ -133,7 +131,9 @@ SPLITS = {
         refusals=(_FAR_APART, _NOISE),
     ),
     "longer": Split(11, "routes longer than the longest of train, on other structures", "test"),
-    "trees": Split(12, "other structures, without loops", "test", refusals=(_ICE, _NO_LOOPS)),
+    "trees": Split(
+        12, "other structures, without loops", "test", refusals=(_NEEDS_LOOPS, _NO_LOOPS)
+    ),
     "open": Split(
         13,
         "other structures, each with more loops than any of train",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labyrinth_core.env.labyrinth_source import chosen
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
+from labyrinth_core.pictures.vector import GONE, WALL, tile_count, vector_observation
 from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
@@ -58,9 +58,9 @@ class Observer:
         if self.kind == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
         if self.kind == "state":
-            return Discrete(height * width * (3 if task is Task.KEY_AND_DOOR else 1))
+            return Discrete(height * width * task.rules.phases)
         entries, tiles = (2 * height - 1) * (2 * width - 1), tile_count(task)
-        high = np.full(tiles + entries, ICE if task is Task.ICY_FLOOR else WALL, np.int32)
+        high = np.full(tiles + entries, WALL + len(task.rules.grounds), np.int32)
         high[:tiles] = entries - 1
         low = np.zeros_like(high)
         low[3:tiles] = GONE

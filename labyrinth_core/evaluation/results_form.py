@@ -172,7 +172,7 @@ class Rules:
     @property
     def states(self) -> int:
         """The largest number of states of a labyrinth: without the key, with it, and door open."""
-        return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
+        return self.cells * self.task.rules.phases
 
 
 def rules_of(content: Any) -> Rules:
@@ -274,7 +274,10 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
         (moves > limit, f"more moves than the limit of {limit}"),
         (solved & (moves < distance), "a solution of fewer moves than a shortest route"),
         (~ended & (moves != limit), f"a failure before the limit of {limit} moves"),
-        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task does not have"),
+        (
+            iced & ("ice" not in rules.task.rules.grounds),
+            "an end on ice, which this task does not have",
+        ),
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
         (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]

@@ -14,7 +14,7 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import Episode, random_episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.solver import (
     erring_route,
     moves_and_routes,
@@ -32,8 +32,6 @@ from labyrinth_core.world.tasks import (
     place,
     tiles_matter,
 )
-
-TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 PLACING, ACTING, DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
@@ -114,7 +112,7 @@ def own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> La
     if config.goals == "varied":
         return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
-    if config.task in TASKS_WITHOUT_TILES:  # Nothing is drawn.
+    if not config.task.rules.tiles:  # Nothing is drawn.
         return Labyrinth(structure, start, goal, config.task)
     return place(structure, start, goal, config.task, item_rng(config, split, structure))
 
@@ -124,7 +122,7 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
 
     Train, validation and test have the same requirement, so that they have the same distribution.
     """
-    if config.task in TASKS_WITHOUT_TILES:
+    if not config.task.rules.tiles:
         return True
     try:
         labyrinth = own_labyrinth(config, split, structure)
@@ -212,7 +210,7 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     for cell, beside in walls(structure):
         there = from_start[cell] + 1 + to_goal[beside]
         back = from_start[beside] + 1 + to_goal[cell]
-        if labyrinth.key is not None or min(there, back) < moves:
+        if not labyrinth.task.rules.is_reversible or min(there, back) < moves:
             yield cell, beside
 
 

@@ -35,7 +35,7 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, own_labyrinth, solve
+from pipeline.generation.labyrinths import holds_task, own_labyrinth, solve
 from pipeline.generation.shifts import (
     SELECTED_SHIFTS,
     Measures,
@@ -201,7 +201,7 @@ def check_capacity(config: DatasetConfig) -> None:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
             raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
-    rare = config.task not in TASKS_WITHOUT_TILES
+    rare = bool(config.task.rules.tiles)
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)
