@@ -31,6 +31,7 @@ from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [
     "SETTINGS",
+    "SETTINGS_OF",
     "LabyrinthSyntaxError",
     "dump",
     "labyrinth_id",
@@ -46,7 +47,7 @@ _TASK_OF = {task.rules.setting: task for task in Task if task.rules.setting}
 SETTINGS = {name: _TASK_OF[name] for name in _ALWAYS_WRITTEN} | _TASK_OF
 """Setting -> the task that it switches on, in the order in which `dump` writes them."""
 
-_SETTINGS_OF = {
+SETTINGS_OF = {
     task: "".join(
         f"{name}: {switched_on is task}\n"
         for name, switched_on in SETTINGS.items()
@@ -402,7 +403,7 @@ def dump(labyrinth: Labyrinth) -> str:
         if row:
             drawing[line - length + 2 : line : 4] = above[first:last]
     look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
-    settings = f"{_SETTINGS_OF[labyrinth.task]}{look}"
+    settings = f"{SETTINGS_OF[labyrinth.task]}{look}"
     return f"{settings}\n{_HEADING}:\n{drawing.decode()}end\n"
 
 
