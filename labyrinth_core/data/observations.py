@@ -13,16 +13,13 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.language.drawing import describe
+from labyrinth_core.pictures.observations import KINDS, OBSERVATIONS
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
-from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
-
-OBSERVATIONS = ("image", "vector", "text")
 
 RESIZES = {
     "area": (None, "area"),
@@ -113,10 +110,10 @@ class ObservationSpec:
 
     @property
     def of_arrays(self) -> bool:
-        """Whether `look_together` makes the observations: not texts and pictures of full size."""
-        return self.observation == "vector" or (
-            self.observation == "image" and self.image_size != PICTURE_SIZE
-        )
+        """Whether `look_together` makes the observations: not, say, pictures of full size."""
+        if self.observation == "image":
+            return self.image_size != PICTURE_SIZE
+        return KINDS[self.observation].of_many is not None
 
     def look_together(
         self,
@@ -133,8 +130,10 @@ class ObservationSpec:
             states: The index of each state, as in `dynamics.state_index`, shape (N,).
             pictures: Output array, shape (N, image_size, image_size, 3); None for a new one.
         """
-        if self.observation == "vector":
-            return vector_observations(labyrinths, which, states)
+        if self.observation != "image":
+            of_many = KINDS[self.observation].of_many
+            assert of_many is not None
+            return of_many(labyrinths, which, states)
         wall_pixels, resize = RESIZES[self.resize]
         size = self.image_size
         return draw_many(
@@ -143,10 +142,8 @@ class ObservationSpec:
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
         """Return the observations of (labyrinth, state) pairs; pictures are drawn in batches."""
-        if self.observation == "text":
-            return np.array([describe(labyrinth, state) for labyrinth, state in views])
-        if self.observation == "vector":
-            return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
+        if self.observation != "image":
+            return np.array([KINDS[self.observation].of(*view) for view in views])
         wall_pixels, resize = RESIZES[self.resize]
         return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
