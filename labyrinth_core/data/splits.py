@@ -32,12 +32,14 @@ class Split:
     """The split's part of every random key: another number would change published bytes."""
     meaning: str
     bucket: str
-    """The split that its structures' hashes select: train, validation or test."""
+    """The split that its structures' hashes select: train, validation or test. A shift may not have
+    structures of train's bucket that its parent lacks, as other datasets train on them."""
     parent: str | None = None
     """The split it is derived from: at most one labyrinth for each parent, in the same order."""
     new_start: bool = False
     new_goal: bool = False
     new_structure: bool = False
+    """Whether its structures are others, made as `pipeline.generation.labyrinths` says."""
     look: Look = Look.PLAIN
     refusals: tuple[Refusal, ...] = ()
     """The options with which a dataset cannot have this shift."""
