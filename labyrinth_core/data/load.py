@@ -36,6 +36,7 @@ from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, RECOLOURED
 
 
 class Transition(NamedTuple):
@@ -185,7 +186,7 @@ def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
 
 def _received(columns: Mapping[str, Any], *sent: Any) -> Transitions:
     own = {name: _mapped(array) for name, array in columns.items()}
-    return Transitions(*map(_mapped, sent), columns=own)
+    return Transitions(*map(_mapped, sent), own)
 
 
 def _mapped(sent: Any) -> Any:
@@ -271,7 +272,9 @@ def _cached(
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
-        content = part.key(), spec.draw, spec.resize, PICTURES_VERSION
+        content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
+        if not spec.decodes:
+            content += DEFAULT_STYLE, RECOLOURED
         name = name_of(part.folder.name, split, size, content)
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))

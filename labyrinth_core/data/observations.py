@@ -35,7 +35,7 @@ pictures, so that most walls vanish at 64 x 64. These pictures are always drawn,
 PICTURES_VERSION = 1
 """Version of how pictures are decoded, drawn and resized, part of the frame cache's key.
 
-Increase it with any change of a pixel.
+Increase it with any change of a pixel, except by other colours, which are part of the key.
 """
 
 HELD_BYTES = 2**30
