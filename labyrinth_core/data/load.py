@@ -186,7 +186,7 @@ def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
 
 def _received(columns: Mapping[str, Any], *sent: Any) -> Transitions:
     own = {name: _mapped(array) for name, array in columns.items()}
-    return Transitions(*map(_mapped, sent), own)
+    return Transitions(*(*map(_mapped, sent), own))
 
 
 def _mapped(sent: Any) -> Any:
