@@ -6,8 +6,8 @@ make pictures, vectors and texts, and the arrays of `evaluation`, from them.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from math import fsum
 from typing import Any, NamedTuple
 
@@ -120,6 +120,8 @@ class LoadedEpisode:
     """Rewards received, shape (T,)."""
     terminated: bool
     """Whether the episode ends on the goal or on ice, instead of being cut."""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """The dataset's other columns (`format.OTHERS`) by name, in each of the T + 1 states."""
 
     @property
     def truncated(self) -> bool:
@@ -211,6 +213,7 @@ class Episodes:
                 actions=rows.actions[first:last],
                 rewards=rows.rewards[first:last],
                 terminated=bool(self.over[last]),
+                columns={n: each[first : last + 1].copy() for n, each in rows.others.items()},
             )
 
     def optimal(self) -> NDArray[np.bool_]:

@@ -28,7 +28,6 @@ from labyrinth_core.pictures.backdrops import (
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import Style, style_for
 from labyrinth_core.pictures.scenes import draw_states
-from labyrinth_core.world.labyrinth import Task
 
 
 class Gallery:
@@ -54,7 +53,7 @@ class Gallery:
         """
         self._count, self._size, self._copy, self._shape = count, image_size, copy, shape
         self._cells = shape.height * shape.width
-        self._hides = shape.task is Task.PARTIAL_OBSERVABILITY
+        self._hides = shape.task.rules.hides
         self._reach = reach = bands_of(shape.height, shape.width, None, image_size).reach
         patches = 0 if self._hides else self._cells
         self._kept = kept = min(count, memory // (3 * (image_size**2 + patches * reach**2)))
