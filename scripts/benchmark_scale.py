@@ -31,7 +31,7 @@ from measuring import machine
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
-from pipeline.config.composed import ALL, resolve
+from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
 from pipeline.generation import build
 from pipeline.generation.shard import ShardJob, leave, left
