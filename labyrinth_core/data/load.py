@@ -257,7 +257,7 @@ def _cached(
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
         content = part.key(), spec.draw, spec.resize, PICTURES_VERSION
-        name = name_of(part.folder.name, split, size, content)
+        name = name_of(part.config.name, split, size, content)
         shape = len(part), size, size, 3
         return Transitions(**cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
@@ -82,7 +83,7 @@ class Workplace:
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         all_shards = isinstance(self.folder, RemotePath) and self.has_begun
         try:
-            manifest = Manifest.read(self.folder, renamed=True)
+            manifest = Dataset.at(self.folder, renamed=True).manifest
             names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
         except DatasetError:
             if (self.folder / MANIFEST).is_file():
