@@ -217,7 +217,7 @@ def resolve(
         f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
     )
     typed_dir = Path(options.data_dir) if options.data_dir.startswith("~") else data_dir
-    if isinstance(data_dir, Path) and options.executor != "local":
+    if options.executor != "local":
         data_dir = data_dir.absolute()  # A cluster's workers may have another working directory.
     dataset = dataset_config(options)
     jobs = {}

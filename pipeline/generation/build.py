@@ -382,7 +382,7 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
 def _loading_line(job: Job[BuildOptions]) -> str:
     """Return the line of Python that loads the dataset of a run."""
     place = str(job.data_dir)
-    whole = str(job.data_dir.absolute()) if isinstance(job.data_dir, Path) else place
+    whole = str(job.data_dir.absolute())
     # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
     is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
     load = "load_transitions" if is_strange or "://" in place else "load_dataset"

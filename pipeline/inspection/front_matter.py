@@ -226,7 +226,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     try:
         values, text = read_any(path)
     except FileNotFoundError as error:
-        if isinstance(path, Path) and path.is_symlink():
+        if path.is_symlink():
             raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except DatasetError as error:
