@@ -275,7 +275,7 @@ def _cached(
         content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
         if not spec.decodes:
             content += DEFAULT_STYLE, RECOLOURED
-        name = name_of(part.folder.name, split, size, content)
+        name = name_of(part.config.name, split, size, content)
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
