@@ -128,6 +128,17 @@ class LoadedEpisode:
         """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
         return not self.terminated
 
+    def copy(self) -> LoadedEpisode:
+        """Return the episode with arrays of its own."""
+        return LoadedEpisode(
+            self.labyrinth_id,
+            self.info,
+            self.observations.copy(),
+            self.actions.copy(),
+            self.rewards.copy(),
+            self.terminated,
+        )
+
     def __len__(self) -> int:
         """Return the number of transitions."""
         return len(self.actions)
@@ -192,15 +203,15 @@ class Episodes:
             yield self.take(slice(begin, end))
 
     def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
-        """Yield the episodes one by one, given each row's observation; all arrays are copies."""
+        """Yield the episodes one by one, given each row's observation; all arrays are views."""
         rows, firsts, lasts = self.whole
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             yield LoadedEpisode(
                 labyrinth_id=int(self.ids[self.which[first]]),
                 info=rows.texts[rows.info[first]],
-                observations=observations[first : last + 1].copy(),
-                actions=rows.actions[first:last].copy(),
-                rewards=rows.rewards[first:last].copy(),
+                observations=observations[first : last + 1],
+                actions=rows.actions[first:last],
+                rewards=rows.rewards[first:last],
                 terminated=bool(self.over[last]),
                 columns={n: each[first : last + 1].copy() for n, each in rows.others.items()},
             )

@@ -275,7 +275,7 @@ def _cached(
         content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
         if not spec.decodes:
             content += DEFAULT_STYLE, RECOLOURED
-        name = name_of(part.folder.name, split, size, content)
+        name = name_of(part.config.name, split, size, content)
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
@@ -383,12 +383,13 @@ def load_episodes(
 def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]:
     """Yield the episodes that a query requests, in order; see `load_episodes`."""
     part = query.part()
-    return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
+    rows = part.rows(pictures=spec.decodes)
+    return (episode.copy() for episode in episodes_of(rows, spec, part.config))
 
 
 def episodes_of(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
 ) -> Generator[LoadedEpisode]:
-    """Yield the episodes of rows; see `replayed`."""
+    """Yield the episodes of rows, as views of shared arrays; see `replayed`."""
     for episodes in _parts(rows, spec, config):
         yield from episodes.loaded(spec.observe(episodes))

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.pictures.observations import KINDS, OBSERVATIONS
-from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.world.batch import Labyrinths
@@ -54,7 +54,7 @@ class ObservationSpec:
 
     observation: str
     """One of `OBSERVATIONS`."""
-    image_size: int
+    image_size: int = DEFAULT_IMAGE_SIZE
     """Pixels on each side of a picture."""
     draw: bool = False
     """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.many import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.pictures.gallery import LOOKS
 from labyrinth_core.pictures.vector import (
     VectorArray,
     initial_vector,
@@ -23,8 +24,6 @@ from labyrinth_core.pictures.vector import (
 from labyrinth_core.world.batch import Structures, Tables
 from labyrinth_core.world.dynamics import seen_together
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
-
-LOOKS = tuple(Look)
 
 
 class Stack:

@@ -20,7 +20,6 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.environment import REWARDS
-from labyrinth_core.env.gallery import Gallery
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     Size,
@@ -36,6 +35,7 @@ from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
+from labyrinth_core.pictures.gallery import Gallery
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch import Tables, tabulate

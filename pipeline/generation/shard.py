@@ -101,7 +101,7 @@ class ShardJob:
 
     @property
     def sidecar(self) -> AnyPath:
-        """The file that marks the shard as finished, and describes it: see `leave`."""
+        """The path of the shard's `Sidecar`."""
         return self.building / f"{self.path.name.removesuffix('.parquet')}.shard"
 
     @property
@@ -112,6 +112,49 @@ class ShardJob:
         of_all = sorted(config.items()), build_versions()
         parts = of_all, self.split, self.first, self.structures.tobytes()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+class Sidecar(NamedTuple):
+    """What a worker leaves beside a shard that it has finished.
+
+    The file is a line of JSON, and the bytes of the facts.
+    """
+
+    shard: Shard
+    facts: Facts
+    """The facts of its labyrinths, for the table."""
+    mark: str
+    """A hash of the key of the job and of the facts."""
+
+    @classmethod
+    def of(cls, job: ShardJob, shard: Shard, facts: Facts) -> Sidecar:
+        """Return the sidecar of a finished job."""
+        return cls(shard, facts, hashlib.sha256(job.key.encode() + facts.tobytes()).hexdigest())
+
+    @classmethod
+    def read(cls, job: ShardJob) -> Sidecar:
+        """Read the sidecar in the place of a job's; `is_of` says whether it is that job's.
+
+        Raises:
+            FileNotFoundError: The shard is not finished.
+            ValueError, RecursionError: The file is damaged.
+        """
+        content = job.sidecar.read_bytes()
+        end = content.index(b"\n")
+        line = json.loads(content[:end])
+        if not isinstance(line, dict) or line.keys() != {"mark", "shard"}:
+            raise ValueError(f"{job.sidecar} marks no shard")
+        facts = np.frombuffer(content, FACTS, offset=end + 1)
+        return cls(Shard.from_json(line["shard"]), facts, line["mark"])
+
+    def is_of(self, job: ShardJob) -> bool:
+        """Return whether a job with the same key left this sidecar, with these facts."""
+        return self.mark == Sidecar.of(job, self.shard, self.facts).mark
+
+    def write(self, job: ShardJob) -> None:
+        """Write the file that marks the shard as finished."""
+        line = json.dumps({"mark": self.mark, "shard": asdict(self.shard)})
+        write_bytes(job.sidecar, f"{line}\n".encode() + self.facts.tobytes())
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -128,9 +171,9 @@ def finished(job: ShardJob) -> Shard | None:
     Either an earlier run made it, or it is copied from the finished dataset.
     """
     with suppress(FileNotFoundError, ValueError, RecursionError):
-        mark, shard, facts = left(job)
-        if mark == _mark(job, facts) and file_sha256(job.path) == shard.sha256:
-            return shard
+        sidecar = Sidecar.read(job)
+        if sidecar.is_of(job) and file_sha256(job.path) == sidecar.shard.sha256:
+            return sidecar.shard
     there = job.there
     if there is not None and there.table_row is not None:
         with suppress(FileNotFoundError):
@@ -139,7 +182,8 @@ def finished(job: ShardJob) -> Shard | None:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
                 facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
-                return leave(job, shard, facts)
+                Sidecar.of(job, shard, facts).write(job)
+                return shard
     return None
 
 
@@ -174,38 +218,8 @@ def make_shard(job: ShardJob) -> Shard:
         fingerprint=fingerprint,
         **content.counts,
     )
-    return leave(job, shard, content.facts())
-
-
-def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
-    """Write the sidecar that marks a shard as finished: a line of JSON, then the facts' bytes."""
-    line = json.dumps({"mark": _mark(job, facts), "shard": asdict(shard)})
-    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
+    Sidecar.of(job, shard, content.facts()).write(job)
     return shard
-
-
-def left(job: ShardJob) -> tuple[str, Shard, Facts]:
-    """Read the sidecar of a job: its mark, the shard and the facts; see `finished`.
-
-    Raises:
-        FileNotFoundError: The shard is not finished.
-        ValueError, RecursionError: The file is damaged.
-    """
-    content = job.sidecar.read_bytes()
-    end = content.index(b"\n")
-    line = json.loads(content[:end])
-    if not isinstance(line, dict) or line.keys() != {"mark", "shard"}:
-        raise ValueError(f"{job.sidecar} marks no shard")
-    return (
-        line["mark"],
-        Shard.from_json(line["shard"]),
-        np.frombuffer(content, FACTS, offset=end + 1),
-    )
-
-
-def _mark(job: ShardJob, facts: Facts) -> str:
-    """Return the hash of the key of a job and of the facts of its shard."""
-    return hashlib.sha256(job.key.encode() + facts.tobytes()).hexdigest()
 
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:

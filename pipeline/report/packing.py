@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.dataset import ShardFile
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.inspection.counts import Route, SplitCounts, routes_of
@@ -139,20 +139,18 @@ def pack_routes(routes: Iterable[Route], limit: int) -> PackedSplit:
     return packed
 
 
-def _pack_shard(folder: AnyPath, limit: int, shard: Shard) -> PackedSplit:
-    return pack_routes(routes_of(folder, shard), limit)
+def _pack_shard(limit: int, file: ShardFile) -> PackedSplit:
+    return pack_routes(routes_of(file), limit)
 
 
-def pack(
-    folder: AnyPath, manifest: Manifest, split: str, limit: int, workers: int = 1
-) -> PackedSplit:
+def pack(data: Dataset, split: str, limit: int, workers: int = 1) -> PackedSplit:
     """Return the first labyrinths of a split of a dataset, packed as by `pack_routes`.
 
     Raises:
         DatasetError: A shard is missing or damaged, or its rows do not form episodes.
     """
     packed = PackedSplit()
-    for part in ordered_map(partial(_pack_shard, folder, limit), manifest.of(split), workers):
+    for part in ordered_map(partial(_pack_shard, limit), data.files(split), workers):
         packed.extend(part)
         if packed.size > limit:
             break

@@ -93,11 +93,9 @@ def write_report(
     limit = PACKED_BYTES // sum(len(of.splits) for of in found)
     datasets = []
     for of in found:
-        folder = data_dir / of.name
-        packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
+        packed = {split: pack(of.data, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    manifests = [of.manifest for of in found]
-    html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
+    html = page(datasets, read_results(run_dir, [of.data for of in found], results_dir))
     folder = within(data_dir, FOLDER)
     leave(folder, {PAGE: html.encode()}, overwrite=overwrite)
     return folder / PAGE

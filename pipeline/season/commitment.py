@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import read_json, temporaries
@@ -245,8 +246,8 @@ def seed_of(secret: bytes, config: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
-    """Build a dataset in a temporary folder that only this user can read; yield both.
+def dataset(workers: int, config: DatasetConfig) -> Iterator[Dataset]:
+    """Build a dataset in a temporary folder that only this user can read, and yield it.
 
     The seed is not printed.
 
@@ -257,4 +258,4 @@ def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifes
     with private_folder() as folder:
         job = Job(BuildOptions(workers=workers), config, folder, str(folder))
         build(job)
-        yield folder, Manifest.read(job.folder)
+        yield Dataset.at(job.folder)

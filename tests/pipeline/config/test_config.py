@@ -23,7 +23,7 @@ from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
-from pipeline.config.composed import OPTIONS
+from pipeline.command.composed import OPTIONS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.method import METHODS
