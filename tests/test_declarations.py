@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
 from dataclasses import fields
 from pathlib import Path
 
@@ -17,6 +19,7 @@ import pytest
 from making import Run
 
 import labyrinth_core.env  # noqa: F401
+from labyrinth_core import Dataset
 from labyrinth_core.data.format import COLUMNS, NUMBERS, OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.splits import SHIFTS, SPLITS
@@ -127,6 +130,53 @@ def test_a_column_of_numbers_is_loaded(small_dataset: Run) -> None:
         "obs",
         "info",
     }
+
+
+WITH_A_COLUMN = """
+import sys
+from labyrinth_core.data import format
+from labyrinth_core.world.dynamics import state_index
+from labyrinth_core.world.solver import distances
+
+def left(episode):
+    to_goal = distances(episode.labyrinth)
+    return [to_goal[state_index(episode.labyrinth, state)] for state in episode.states]
+
+column = format.Column.of("steps_to_goal", "int32", "least moves to the goal", left)
+*others, info = format.COLUMNS
+format.COLUMNS = (*others, column, info)
+format.NUMBERS, format.OTHERS = (*format.NUMBERS, column), (column,)
+format.arrow_schema.__defaults__ = (format.COLUMNS,)
+
+from labyrinth_core import Dataset, load_transitions
+from pipeline.__main__ import main
+
+folder = sys.argv.pop()
+sys.argv += ["size=3", "labyrinths=4", "workers=1", f"data_dir={folder}"]
+sys.argv += ["stages=[build,validate]"]
+try:
+    main()
+except SystemExit as end:
+    assert not end.code
+for options in ({"observation": "vector"}, {"image_size": 8, "cache_dir": f"{folder}/cache"}):
+    train = load_transitions(folder, "3x3", **options)
+    left = train.columns["steps_to_goal"]
+    assert left.dtype == "int32" and (left[train.terminated] == 1).all()
+    assert (left[:-1] - left[1:] == 1)[~train.dones[:-1]].all()
+print(Dataset(folder, "3x3").fingerprint)
+"""
+
+
+@pytest.mark.slow  # A process of its own, since modules read the columns when they are imported.
+def test_a_new_column_is_written_checked_hashed_and_loaded(
+    tmp_path: Path, build: Callable[..., Run]
+) -> None:
+    command = [sys.executable, "-c", WITH_A_COLUMN, str(tmp_path / "with")]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    assert run.returncode == 0, run.stderr
+    without = build(tmp_path / "without", labyrinths=4, random_steps=100)
+    assert "is valid" in run.stdout
+    assert run.stdout.splitlines()[-1] != Dataset(without.data_dir, "3x3").fingerprint
 
 
 # An observation.
