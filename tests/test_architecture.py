@@ -36,7 +36,7 @@ def of_library(*rooms: str) -> tuple[str, ...]:
 ROOMS = {
     "labyrinth_core.world": (),
     "labyrinth_core.language": of_library("world"),
-    "labyrinth_core.pictures": of_library("world"),
+    "labyrinth_core.pictures": of_library("world", "language"),
     "labyrinth_core.env": of_library("world", "language", "pictures"),
     # A selection of a dataset makes the environment of its labyrinths.
     "labyrinth_core.data": of_library("world", "language", "pictures", "env"),

@@ -345,8 +345,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return self._stack.states()
         if self._observer.kind == "vector":
             return self._stack.vectors()
-        assert self._gallery is not None
-        return self._gallery.pictures(self._stack)
+        if self._gallery is not None:
+            return self._gallery.pictures(self._stack)
+        return self._observer.batch([self._stack.at(place) for place in range(self.num_envs)])
 
     def _infos(self, mask: Mask | None = None) -> Infos:
         """Return the infos of the sub-environments of a mask; the others have empty infos."""

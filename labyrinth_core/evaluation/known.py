@@ -18,7 +18,6 @@ from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
-from labyrinth_core.world.labyrinth import Task
 
 _CLOSE = 1e-9
 """Figures of a baseline that differ by no more than this are equal; another processor may sum many
@@ -46,7 +45,7 @@ class KnownSplit:
     def of(cls, place: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
         """Compute the properties of a split that is observed as vectors."""
         known, baselines = memory.figures(arrays, blind=True)
-        if arrays.labyrinths[0].task is Task.PARTIAL_OBSERVABILITY:
+        if arrays.labyrinths[0].task.rules.hides:
             baselines |= replan(arrays)
         acts, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
         return cls(

@@ -72,7 +72,7 @@ class Gallery:
         self._count, self._size, self._copy, self._shape = count, image_size, copy, shape
         height, width, task = shape
         self._cells = height * width
-        self._hides = task is Task.PARTIAL_OBSERVABILITY
+        self._hides = task.rules.hides
         self._reach = reach = bands_of(height, width, None, image_size).reach
         patches = 0 if self._hides else self._cells
         self._kept = kept = min(count, memory // (3 * (image_size**2 + patches * reach**2)))

@@ -16,13 +16,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import islice, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import solve
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, arrow_schema
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, VALUES, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
@@ -31,7 +32,7 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import numbered_labyrinths, solve
+from pipeline.generation.labyrinths import numbered_labyrinths
 from pipeline.generation.table import (
     FACTS,
     Content,
@@ -65,7 +66,7 @@ WRITER_OPTIONS = {
     "compression_level": 1,
     "use_dictionary": ["info"],
     # The statistics of a column of pictures would hold whole pictures.
-    "write_statistics": ["actions", "rewards", "episode_starts"],
+    "write_statistics": [column.name for column in NUMBERS],
     "write_page_index": True,
     # With the schema, readers would get the texts as indices into a dictionary.
     "store_schema": False,
@@ -237,24 +238,40 @@ class Row(NamedTuple):
     """The picture as a PNG file."""
     obs_path: str
     """The name of the picture, unique in its config."""
-    actions: int
-    rewards: float
-    episode_starts: bool
+    numbers: tuple[Any, ...]
+    """The values of `format.NUMBERS`."""
     info: str
     picture_digest: bytes
     """The digest of its pixels, which is not a column."""
+
+    @property
+    def action(self) -> int:
+        """The value of `actions`."""
+        action: int = self.numbers[_ACTION]
+        return action
+
+    @property
+    def starts(self) -> bool:
+        """The value of `episode_starts`."""
+        return bool(self.numbers[_STARTS])
+
+
+_ACTION, _STARTS = (
+    [column.name for column in NUMBERS].index(name) for name in ("actions", "episode_starts")
+)
 
 
 class Fingerprint:
     """A hash of the values and pixels of rows, in their order.
 
-    It is the SHA-256 of these bytes of each row: the picture's digest, `actions` as int64,
-    `rewards` as float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of
-    `info` in UTF-8, sixteen bytes. It tells whether two datasets have the same content, whatever
-    their compression. Unlike the SHA-256 of each file, it does not protect against forgery.
+    It is the SHA-256 of these bytes of each row: the picture's digest, the columns of numbers in
+    their order (`actions` as int64, `rewards` as float32, `episode_starts` as one byte; all
+    little-endian), and the BLAKE2b hash of `info` in UTF-8, sixteen bytes. It tells whether two
+    datasets have the same content, whatever their compression. Unlike the SHA-256 of each file, it
+    does not protect against forgery.
     """
 
-    _NUMBERS = struct.Struct("<qf?")
+    _NUMBERS = struct.Struct("<" + "".join(column.struct for column in NUMBERS))
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -266,8 +283,8 @@ class Fingerprint:
             for info in {row.info for row in rows}
         }
         parts = [
-            digest + self._NUMBERS.pack(action, reward, starts) + texts[info]
-            for _, _, action, reward, starts, info, digest in rows
+            digest + self._NUMBERS.pack(*numbers) + texts[info]
+            for _, _, numbers, info, digest in rows
         ]
         self._hash.update(b"".join(parts))
 
@@ -289,9 +306,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
     for place, episode in enumerate(episodes):
         states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
         names = [f"{name}-{step:04d}.png" for step in range(len(states))]
-        actions = [*episode.actions.tolist(), NO_ACTION]
-        rewards = [*episode.rewards.tolist(), 0.0]
-        starts = [True, *repeat(False, len(states) - 1)]
+        numbers = [*zip(*(of(episode) for of in VALUES), strict=True)]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
         for first in range(0, len(states), DRAWN_AT_ONCE):
             part = slice(first, first + DRAWN_AT_ONCE)
@@ -299,8 +314,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
                 pngs, digests = pictures.draw(states[part])
             else:
                 pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
-            values = names[part], actions[part], rewards[part], starts[part]
-            yield list(map(Row, pngs, *values, repeat(info), digests))
+            yield list(map(Row, pngs, names[part], numbers[part], repeat(info), digests))
 
 
 class Pictures(dict[State, tuple[bytes, bytes]]):
@@ -349,7 +363,7 @@ def write(path: Path, parts: Iterable[list[Row]]) -> str:
         for part in parts:
             fingerprint.update(part)
             group += part
-            is_full = part[-1].actions == NO_ACTION and len(group) >= ROW_GROUP
+            is_full = part[-1].action == NO_ACTION and len(group) >= ROW_GROUP
             if is_full or len(group) * len(part[-1].obs) >= GROUP_BYTES:
                 writer.write_table(rows_table(group))
                 group = []
@@ -379,22 +393,22 @@ def rows_table(rows: list[Row]) -> pa.Table:
     import pyarrow as pa
 
     schema = written_schema()
-    pngs, names, actions, rewards, starts, infos, _ = zip(*rows, strict=True)
+    pngs, names, numbers, infos, _ = zip(*rows, strict=True)
     pictures = pa.StructArray.from_arrays(
         [text_array(pa.binary(), pngs), text_array(pa.string(), [name.encode() for name in names])],
         fields=list(schema.field("obs").type),
     )
-    numbers = [
-        value_array(pa.int64(), len(rows), np.array(actions, np.int64)),
-        value_array(pa.float32(), len(rows), np.array(rewards, np.float32)),
-        value_array(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
-    ]
+    arrays = {"obs": pictures}
+    for column, values in zip(NUMBERS, zip(*numbers, strict=True), strict=True):
+        array = np.array(values, column.dtype)
+        packed = np.packbits(array, bitorder="little") if column.type == "bool" else array
+        arrays[column.name] = value_array(schema.field(column.name).type, len(rows), packed)
     places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
-    texts = pa.DictionaryArray.from_arrays(
+    arrays["info"] = pa.DictionaryArray.from_arrays(
         value_array(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
         text_array(pa.string(), [info.encode() for info in places]),
     )
-    return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
+    return pa.Table.from_arrays([arrays[name] for name in schema.names], schema=schema)
 
 
 def written_schema() -> pa.Schema:

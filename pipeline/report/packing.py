@@ -67,13 +67,13 @@ class PackedSplit:
         self.fixed["structure"] += bytes.fromhex(structure.structure_id)
         self.fixed["up"] += structure.up.to_bytes(wide, "little")
         self.fixed["right"] += structure.right.to_bytes(wide, "little")
-        if labyrinth.ice:
-            ice = sum(1 << cell for cell in labyrinth.ice)
-            self.fixed["ice"] += ice.to_bytes(wide, "little")
+        rules = labyrinth.task.rules
+        for name in rules.grounds:
+            cells = sum(1 << cell for cell in getattr(labyrinth, name))
+            self.fixed[name] += cells.to_bytes(wide, "little")
         numbers = {"start": labyrinth.start, "goal": labyrinth.goal, "moves": shortest}
         numbers |= {"loops": structure.loops, "episodes": 0}
-        if labyrinth.key is not None and labyrinth.door is not None:
-            numbers |= {"key": labyrinth.key, "door": labyrinth.door}
+        numbers |= {name: getattr(labyrinth, name) for name in rules.singles}
         for name, number in numbers.items():
             self.numbers[name].append(number)
 

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.scores import WHY_SPL
+from labyrinth_core.language.text import SETTINGS_OF
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
@@ -134,6 +136,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     data = {
         "version": __version__,
         "colours": asdict(DEFAULT_STYLE),
+        "tasks": {str(task): _described(task) for task in Task},
         "datasets": datasets,
         "results": results,
         "whySpl": " ".join(WHY_SPL.split()),
@@ -150,6 +153,16 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     # A NaN is not JSON: the browser would not read any of the data.
     plain = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return html.replace("{{data}}", plain)
+
+
+def _described(task: Task) -> dict[str, Any]:
+    """Return what the page needs to know about a task."""
+    return {
+        "settings": SETTINGS_OF[task],
+        "phases": task.rules.phases,
+        "hides": task.rules.hides,
+        "tiles": [tile._asdict() for tile in task.rules.tiles],
+    }
 
 
 def _source(name: str) -> str:

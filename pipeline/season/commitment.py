@@ -23,7 +23,6 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import read_json, temporaries
 from labyrinth_core.evaluation.description import is_day
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
-from labyrinth_core.world.labyrinth import Task
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.dataset import build_versions
@@ -224,7 +223,7 @@ def labyrinths_of(manifest: Manifest) -> dict[str, int]:
 def check_rows(config: DatasetConfig) -> None:
     """Raise ValueError if a dataset might need more than `MOST_ROWS` rows."""
     routes = 1 if config.solutions == "shortest" else config.solutions_limit
-    states = config.height * config.width * (3 if config.task is Task.KEY_AND_DOOR else 1)
+    states = config.height * config.width * config.task.rules.phases
     rows = config.labyrinths * (len(config.splits) * routes * states + config.random_steps)
     if rows > MOST_ROWS:
         raise ValueError(

@@ -134,7 +134,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
     ({"shifts": ("all", "g")}, ["shifts=[all, g]: give all alone, or some of [g, "]),
     ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["kruskal is not possible: train is"]),
-    ({"shifts": ("trees",), "task": "icy_floor"}, ["trees is not possible: ice only"]),
+    ({"shifts": ("trees",), "task": "icy_floor"}, ["trees is not possible: without loops ice"]),
     ({"shifts": ("trees",), "open_walls": 0.0}, ["train has no loops already"]),
     ({"shifts": ("open",), "open_walls": 1.0}, ["train has all loops already"]),
     ({"shifts": ("one_wall",), "splits": SplitsConfig(2)}, ["splits.min_walls=2 keeps structures"]),
