@@ -69,7 +69,9 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
+    "published": report_benchmarks.published,
     "procgen": report_benchmarks.procgen,
+    "procgen views": report_benchmarks.procgen_views,
 }
 """Name of a table -> the function that makes it."""
 
