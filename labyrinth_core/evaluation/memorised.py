@@ -45,7 +45,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.dynamics import Action, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, whole
 
-SPLITS = ("test", "validation")
+SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
 
 CONTROLS = 10, 10_000
@@ -289,9 +289,10 @@ def receipt_of(
 def _checked(data: Dataset, split: str, train_labyrinths: int | None) -> DatasetConfig:
     """Return the config of train, or of its first labyrinths; raise ValueError if not valid."""
     config = data.manifest.config
-    if split not in SPLITS:
+    if split not in SPLITS_WITHOUT_TRAIN:
         raise ValueError(
-            f"split={split!r:.60}: give one of {', '.join(SPLITS)}, which do not depend on train"
+            f"split={split!r:.60}: give one of {', '.join(SPLITS_WITHOUT_TRAIN)}, "
+            "which do not depend on train"
         )
     if config.min_walls > 1:
         raise ValueError(

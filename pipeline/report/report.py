@@ -42,6 +42,7 @@ SCRIPTS = (
     "records",
     "gallery",
     "player",
+    "receipts",
     "findings",
     "figures",
     "main",
