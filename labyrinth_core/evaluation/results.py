@@ -218,7 +218,7 @@ class Results:
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        judged = content.get("judged")
+        judged, asked = content.get("judged"), content.get("memorised")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -233,7 +233,7 @@ class Results:
             run=run,
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
-            memorised=receipt_in(content["memorised"], splits) if "memorised" in content else None,
+            memorised=None if asked is None else receipt_in(asked, splits, rules.cells),
         )
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -201,8 +202,8 @@ def taken(content: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
     return {name: content[name] for name in names}
 
 
-def receipt_in(content: Any, splits: Container[str]) -> Receipt:
-    """Return the receipt in a file, which has results on some splits.
+def receipt_in(content: Any, splits: Container[str], cells: int) -> Receipt:
+    """Return the receipt in a file, which has results on some splits of labyrinths of `cells`.
 
     Its figures cannot be recomputed without the policy; they are checked against one another.
 
@@ -223,6 +224,10 @@ def receipt_in(content: Any, splits: Container[str]) -> Receipt:
         parts.append(found)
     if content["split"] not in splits:
         raise ValueError(f"it.memorised.split is {content['split']}, which has no results")
+    for each in content["copies"]:
+        for cell in (each["agent"], *chain.from_iterable(each["passages"])):
+            if cell >= cells:
+                raise ValueError(f"it.memorised: a copy is in cell {cell} of {cells}")
     copies = tuple(
         Copy(
             **taken(each, _COPY)
