@@ -25,7 +25,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
-from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
+from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import counted_actions, decisions, require_repeatable
@@ -47,9 +47,6 @@ from labyrinth_core.world.labyrinth import Labyrinth, whole
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
-
-CONTROLS = 10, 10_000
-"""The smallest and the largest number of control training sets."""
 
 MOST_SHARED = 0.5
 """The largest share of the labyrinths of train that a control may have, too, on average."""

@@ -18,13 +18,13 @@ from numpy.typing import NDArray
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
+    CONTROLS,
     MOST_EPISODES,
     MOST_SEED,
     Description,
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import (
-    CONTROLS,
     COPIES,
     SPLITS_WITHOUT_TRAIN,
     Copy,

@@ -12,7 +12,7 @@ import numpy as np
 
 from labyrinth_core import Dataset, PolicyError
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.memorised import Receipt, receipt_of
+from labyrinth_core.evaluation.memorised import receipt_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
@@ -47,7 +47,7 @@ def run(job: Job[EvaluateOptions]) -> None:
 
         judged = judge_trained(job)
     if job.options.evaluation.memorised:
-        judged = judged._replace(results=replace(judged.results, memorised=_receipt(job, judged)))
+        judged = _with_receipt(job, judged)
     path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
     overwrite = job.options.overwrite
     instead = INSTEAD if job.options.policy else OTHER_RUNS
@@ -65,8 +65,8 @@ def run(job: Job[EvaluateOptions]) -> None:
     say(str(path))
 
 
-def _receipt(job: Job[EvaluateOptions], judged: Judged) -> Receipt:
-    """Return whether a policy follows the labyrinths of train that it has learnt from, in test.
+def _with_receipt(job: Job[EvaluateOptions], judged: Judged) -> Judged:
+    """Add to results whether the policy follows, in test, the labyrinths it has learnt from.
 
     Raises:
         ConfigError: The dataset, or its number of labyrinths, allows no answer.
@@ -75,7 +75,7 @@ def _receipt(job: Job[EvaluateOptions], judged: Judged) -> Receipt:
     asked = job.options.evaluation
     data = Dataset.of(source_of(job), job.dataset.name, job.options.revision)
     try:
-        return receipt_of(
+        receipt = receipt_of(
             judged.player,
             judged.load("test"),
             data,
@@ -88,6 +88,7 @@ def _receipt(job: Job[EvaluateOptions], judged: Judged) -> Receipt:
         raise
     except ValueError as error:
         raise ConfigError(f"evaluation.memorised={asked.memorised}: {error}") from error
+    return judged._replace(results=replace(judged.results, memorised=receipt))
 
 
 def _pictures(judged: Judged, count: int, seed: int) -> dict[str, bytes]:

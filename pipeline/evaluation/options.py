@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES
-from labyrinth_core.evaluation.memorised import CONTROLS
+from labyrinth_core.evaluation.description import CONTROLS, DETAILS, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
 from pipeline.config.option import check_options, option
