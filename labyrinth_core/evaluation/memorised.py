@@ -259,7 +259,7 @@ def receipt_of(
     twins = Twins.of(arrays, states, demonstrated).joined(Twins.of(arrays, states, others))
     references = [twins.excess(each) for each in references_of(twins, arrays.optimal[states])]
     counts = counted_actions(player, arrays, episodes)[states]
-    visited = counts.any(axis=1)
+    visited: NDArray[np.bool_] = counts.sum(axis=1) > 0
     walked = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     actions = _everywhere(player, arrays, states, episodes)
 

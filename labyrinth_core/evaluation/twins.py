@@ -89,7 +89,8 @@ class Demonstrated:
                 number += 1
         counts = np.array([*taken.values()], np.float32)
         shares = counts / counts.sum(axis=1, keepdims=True)
-        return cls(_joined(batches), *np.array([*taken], np.int64).T, shares)
+        train_of, labyrinth_of, state_of = np.array([*taken], np.int64).T
+        return cls(_joined(batches), train_of, labyrinth_of, state_of, shares)
 
 
 def _joined(parts: Sequence[Labyrinths]) -> Labyrinths:
@@ -149,7 +150,7 @@ class Twins:
 
     shown: NDArray[np.float32]
     """The share of the twins that show each action, shape (sets, N, 4); nan without a twin."""
-    likely: NDArray[np.int64]
+    likely: NDArray[np.int8]
     """The action that a policy takes which has learnt this set alone, and acts as the demonstrated
     states do that look alike, the more the more alike they look; shape (sets, N)."""
 
@@ -163,7 +164,7 @@ class Twins:
             sets: The demonstrated states of the training sets.
         """
         shape = int(sets.train[-1]) + 1, len(states)
-        shown, likely = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.int64)
+        shown, likely = np.full((*shape, 4), np.nan, np.float32), np.zeros(shape, np.int8)
         for some, demonstrated, differences in compared(arrays, states, sets):
             trains, first = np.unique(sets.train[demonstrated], return_index=True)
             least = np.minimum.reduceat(differences, first, axis=1)

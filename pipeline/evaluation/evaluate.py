@@ -66,20 +66,23 @@ def run(job: Job[EvaluateOptions]) -> None:
 
 
 def _with_receipt(job: Job[EvaluateOptions], judged: Judged) -> Judged:
-    """Add to results whether the policy follows, in test, the labyrinths it has learnt from.
+    """Add to results whether the policy follows the labyrinths of train it has learnt from.
+
+    It is asked in test, or in validation if it is evaluated there alone.
 
     Raises:
         ConfigError: The dataset, or its number of labyrinths, allows no answer.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
     asked = job.options.evaluation
+    split = "test" if "test" in judged.results.splits else "validation"
     data = Dataset.of(source_of(job), job.dataset.name, job.options.revision)
     try:
         receipt = receipt_of(
             judged.player,
-            judged.load("test"),
+            judged.load(split),
             data,
-            split="test",
+            split=split,
             controls=asked.memorised or 0,
             train_labyrinths=job.options.train_labyrinths,
             episodes=asked.episodes,

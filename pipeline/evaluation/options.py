@@ -99,6 +99,12 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         f"evaluation.memorised={options.evaluation.memorised}: a policy has not learnt from train "
         f"of evaluate_on={options.evaluate_on}, so leave one of them out",
     )
+    splits = options.evaluation.splits
+    check(
+        not options.evaluation.memorised or not splits or bool({"test", "validation"} & {*splits}),
+        f"evaluation.memorised={options.evaluation.memorised}: give test or validation in "
+        "evaluation.splits, since other splits depend on train",
+    )
     if not options.policy:
         check_training(options)
         check_unnamed(options.evaluation)

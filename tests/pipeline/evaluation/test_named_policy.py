@@ -115,6 +115,8 @@ def test_a_receipt_is_written_only_if_it_is_asked_for(run_of, folder, capsys):
     assert Results.load(path).memorised.p == content["memorised"]["p"]
     stage.run(run_of("strange:right"))
     assert Results.load(path).memorised is None
+    stage.run(run_of("strange:right", memorised=10, splits=("train", "validation")))
+    assert Results.load(path).memorised.split == "validation"
 
 
 @pytest.mark.slow
@@ -203,6 +205,10 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
+        (
+            {"policy": "a:b", "memorised": 10, "splits": ("s0", "train")},
+            "evaluation.memorised=10: give test or validation in evaluation.splits",
+        ),
         ({"policy": "a:b", "memorised": 9}, "evaluation.memorised=9: give a whole number from 10"),
         ({"policy": "", "episodes": 3}, "evaluation.episodes is for policy=...: a trained run is"),
         ({"policy": "", "observation": "text"}, "observation=text is only for policy=...: give im"),
