@@ -99,9 +99,9 @@ def _joined(parts: Sequence[Labyrinths]) -> Labyrinths:
         up=np.concatenate([each.structures.up for each in parts]),
         right=np.concatenate([each.structures.right for each in parts]),
     )
-    tiles, ice = ([getattr(each, name) for each in parts] for name in ("tiles", "ice"))
+    tiles, ground = ([getattr(each, name) for each in parts] for name in ("tiles", "ground"))
     return replace(
-        parts[0], structures=structures, tiles=np.concatenate(tiles), ice=np.concatenate(ice)
+        parts[0], structures=structures, tiles=np.concatenate(tiles), ground=np.concatenate(ground)
     )
 
 
