@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import draw_labyrinths, solve
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.vector import VectorArray, tile_count, vector_observations
+from labyrinth_core.pictures.vector import tile_count, vector_observations
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import state_index
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -128,11 +128,13 @@ def compared(
 
 def _vectors(
     labyrinths: Labyrinths, which: NDArray[np.int64], states: NDArray[np.int64]
-) -> VectorArray:
+) -> NDArray[np.int32]:
     return vector_observations(labyrinths.take(which), np.arange(len(which)), states)
 
 
-def _differences(ours: VectorArray, theirs: VectorArray, tiles: int) -> NDArray[np.int64]:
+def _differences(
+    ours: NDArray[np.int32], theirs: NDArray[np.int32], tiles: int
+) -> NDArray[np.int64]:
     """Return in how many entries vectors differ, shape (A, B); the first `tiles` are positions."""
     varying = (np.concatenate([ours, theirs]) != ours[0]).any(axis=0)
     differing = np.full((len(ours), len(theirs)), varying.sum(), np.float32)

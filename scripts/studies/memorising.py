@@ -64,7 +64,8 @@ class Asked:
 def planned() -> Iterator[Asked]:
     """Yield all policies: those without training, those of validity, and the methods."""
     for name in REFERENCES:
-        yield Asked(f"{name.replace(' ', '-')}-0", 0, name)
+        for seed in range(5 if name == "random" else 1):
+            yield Asked(f"{name.replace(' ', '-')}-{seed}", 0, name, seed)
     yield Asked("released-planner-0", 0, "released")
     yield Asked("method-bc-0", 0, "bc")
     for train in TWENTY:
@@ -87,19 +88,19 @@ def planned() -> Iterator[Asked]:
 # Policies that need no training, as actions in the states of test.
 
 
-def _solver(test: LabyrinthArrays, memory: TrainMemory) -> np.ndarray:  # noqa: ARG001
+def _solver(test: LabyrinthArrays, memory: TrainMemory, seed: int) -> np.ndarray:  # noqa: ARG001
     return test.optimal.argmax(axis=1)
 
 
-def _random(test: LabyrinthArrays, memory: TrainMemory) -> np.ndarray:  # noqa: ARG001
-    return np.random.default_rng(0).integers(4, size=len(test.terminal))
+def _random(test: LabyrinthArrays, memory: TrainMemory, seed: int) -> np.ndarray:  # noqa: ARG001
+    return np.random.default_rng(seed).integers(4, size=len(test.terminal))
 
 
-def _local_walls(test: LabyrinthArrays, memory: TrainMemory) -> np.ndarray:
+def _local_walls(test: LabyrinthArrays, memory: TrainMemory, seed: int) -> np.ndarray:  # noqa: ARG001
     return memory.actions[test.position, surroundings(test)]
 
 
-def _route_memory(test: LabyrinthArrays, memory: TrainMemory) -> np.ndarray:
+def _route_memory(test: LabyrinthArrays, memory: TrainMemory, seed: int) -> np.ndarray:  # noqa: ARG001
     """Return the first action of the remembered way from each state, else the usual in its cell."""
     actions = memory.majority[test.position]
     for state in np.flatnonzero(~test.terminal).tolist():
@@ -109,7 +110,7 @@ def _route_memory(test: LabyrinthArrays, memory: TrainMemory) -> np.ndarray:
     return actions
 
 
-REFERENCES: dict[str, Callable[[LabyrinthArrays, TrainMemory], np.ndarray]] = {
+REFERENCES: dict[str, Callable[[LabyrinthArrays, TrainMemory, int], np.ndarray]] = {
     "solver": _solver,
     "random": _random,
     "local walls": _local_walls,
@@ -138,7 +139,8 @@ def policy_of(asked: Asked, work: Path, *, trained_only: bool) -> Any:
         train, test = (
             load_arrays(data, config, split, observation="vector") for split in ("train", "test")
         )
-        return Table(test, REFERENCES[asked.method](test, TrainMemory.of(train)))
+        memory = TrainMemory.of(train)
+        return Table(test, REFERENCES[asked.method](test, memory, asked.seed))
     if asked.method == "released":
         return load_policy(ROOT / "docs/results/released/5x5/planner-seed0")
     extra = asked.options.replace("=", "").replace(".", "-").split()

@@ -66,6 +66,7 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "mapper": report_mapper.rates,
     "on slots": report_mapper.on_slots,
     "mapper sizes": report_mapper.sizes,
+    "memorising headline": report_memorising.headline,
     "memorising": report_memorising.methods,
     "memorising validity": report_memorising.validity,
     "memorising uniform": report_memorising.uniform,
