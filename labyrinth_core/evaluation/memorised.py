@@ -245,23 +245,17 @@ def receipt_of(
     """Return the receipt of a policy in the labyrinths of a split; see `memorised`."""
     config = _checked(data, split, train_labyrinths)
     own = _own_set(data, config)
+    # Any seed below gives the same controls, so that they are drawn once for many datasets.
     others, hashes = _controls(replace(config, seed=max(config.seed, FIRST_SEED - 1)), controls)
-    mine = frozenset(map(hash, own[1]))
-    shared = float(np.mean([len(mine & each) for each in hashes])) / len(mine)
-    if shared > MOST_SHARED:
-        raise ValueError(
-            f"labyrinths={config.labyrinths}: {shared:.0%} of train is in every other training set "
-            f"as well, since {config.name} has few structures: give at most {MOST_SHARED:.0%}, "
-            "by fewer labyrinths or train_labyrinths"
-        )
-    demonstrated = Demonstrated.of([own])
+    shared = _shared(config, own, hashes)
     states = np.flatnonzero(~arrays.terminal)
-    twins = Twins.of(arrays, states, demonstrated).joined(Twins.of(arrays, states, others))
-    references = [twins.excess(each) for each in references_of(twins, arrays.optimal[states])]
+    actions = _everywhere(player, arrays, states, episodes)
     counts = counted_actions(player, arrays, episodes)[states]
     visited: NDArray[np.bool_] = counts.sum(axis=1) > 0
     walked = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    actions = _everywhere(player, arrays, states, episodes)
+    demonstrated = Demonstrated.of([own])
+    twins = Twins.of(arrays, states, demonstrated).joined(Twins.of(arrays, states, others))
+    references = [twins.excess(each) for each in references_of(twins, arrays.optimal[states])]
 
     def measured(actions: NDArray[np.float64], some: NDArray[np.bool_]) -> Excess:
         labyrinth = arrays.labyrinth[states][some]
@@ -311,6 +305,23 @@ def _own_set(data: Dataset, config: DatasetConfig) -> TrainSet:
             "training sets cannot be drawn like it: build the dataset with this version"
         )
     return own
+
+
+def _shared(config: DatasetConfig, own: TrainSet, hashes: Sequence[frozenset[int]]) -> float:
+    """Return the mean share of train that is in controls as well.
+
+    Raises:
+        ValueError: It is so large that hardly anything could be found.
+    """
+    mine = frozenset(map(hash, own[1]))
+    shared = float(np.mean([len(mine & each) for each in hashes])) / len(mine)
+    if shared > MOST_SHARED:
+        raise ValueError(
+            f"labyrinths={config.labyrinths}: {shared:.0%} of train is in every other training set "
+            f"as well, since {config.name} has few structures: give at most {MOST_SHARED:.0%}, "
+            "by fewer labyrinths or train_labyrinths"
+        )
+    return shared
 
 
 @lru_cache(maxsize=2)  # Drawing 200 controls takes 5 s at 5x5, all else 2 s.

@@ -46,6 +46,8 @@ def methods() -> str:
     found = [each for each in kept() if each["name"].startswith(("method", *_references()))]
     groups = groupby(sorted(found, key=_order), lambda each: each["method"])
     rows = [_row(_named(method), list(group)) for method, group in groups]
+    if others := _asked_about_others():
+        rows.append(_row("BC, each on another train", others))
     return table(HEADING, rows, "l" + "r" * (len(HEADING) - 1))
 
 
@@ -159,6 +161,12 @@ def _points(group: Sequence[Kept]) -> str:
     return f"{np.mean([each['receipt']['excess'] for each in group]):+.2f}"
 
 
+def _ranked(ranks: Sequence[float]) -> str:
+    """Return each rank, or, of many, the least and the largest."""
+    shown = ranks if len(ranks) <= 5 else [min(ranks), max(ranks)]
+    return (", " if shown is ranks else " to ").join(f"{rank:.3f}" for rank in shown)
+
+
 def _row(name: str, group: Sequence[Kept]) -> list[str]:
     receipts = [each["receipt"] for each in group]
     share = np.mean([each["excess"] / each["most"] for each in receipts])
@@ -168,9 +176,9 @@ def _row(name: str, group: Sequence[Kept]) -> list[str]:
         str(len(group)),
         _points(group),
         f"{share:.1%}",
-        ", ".join(f"{each['p']:.3f}" for each in receipts),
+        _ranked([each["p"] for each in receipts]),
         f"{way:+.2f}",
-        ", ".join(f"{each['own_way']['p']:.3f}" for each in receipts),
+        _ranked([each["own_way"]["p"] for each in receipts]),
         *(
             f"{np.mean([each['test'][figure] for each in group]):.0%}"
             for figure in ("sr", "sr_known_route", "sr_new_route")

@@ -228,15 +228,15 @@ OPTIONS = [
 def test_copies_are_found_in_every_kind_of_dataset(
     build: Build, tmp_path_factory: pytest.TempPathFactory, options: dict[str, str]
 ) -> None:
-    made = make(build, tmp_path_factory, labyrinths=15, **options)
+    made = make(build, tmp_path_factory, labyrinths=10, **options)
     live = np.flatnonzero(~made.test.terminal)
     sets = Demonstrated.of([train_set(made.config)])
     actions = np.zeros(len(made.test.terminal), np.int64)
     actions[live] = np.nan_to_num(Twins.of(made.test, live, sets).shown[0]).argmax(axis=1)
     policy = Table(made.test, actions)
-    follows = memorised(policy, made.data, observation="vector", controls=20)
-    solves = memorised(solver(made), made.data, observation="vector", controls=20)
-    assert follows.p == 1 / 21
+    follows = memorised(policy, made.data, observation="vector", controls=CONTROLS)
+    solves = memorised(solver(made), made.data, observation="vector", controls=CONTROLS)
+    assert follows.p == 1 / (1 + CONTROLS)
     assert follows.excess > 10 * abs(solves.excess)
     assert follows.states == len(live)
 
