@@ -299,14 +299,14 @@ def _reporting(
     options: TrainOptions, epochs: int, folder: Path
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield a function that displays and logs the progress of a run after an epoch."""
-    written = 0
+    written, seconds = 0, 0.0
 
     def report(done: Progress) -> None:
-        nonlocal written
+        nonlocal written, seconds
+        seconds = done.seconds
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
         loss = f"{options.method_title} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
-        tell(" epochs")
         if board is not None:  # Epochs before an interruption are written again.
             for row in done.history[written:]:
                 for name in sorted(row.keys() - {"epoch"}):
@@ -316,5 +316,5 @@ def _reporting(
 
     with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
-        tell = each_minute(bars, bar)
-        yield report
+        with each_minute(bars, bar, " epochs", lambda: seconds):
+            yield report
