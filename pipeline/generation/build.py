@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import CELLS_PER_CHUNK
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import (
     FORMAT,
@@ -40,7 +41,7 @@ from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.generation.candidates import CELLS_PER_CHUNK, Candidates, Chunk, Records, draw_chunk
+from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
 from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
     ShardJob,

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import Solution, solve
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
@@ -23,7 +24,7 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from pipeline.generation.labyrinths import Solution, labyrinth_and_parent, solve
+from pipeline.generation.labyrinths import labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row
 from pipeline.generation.shifts import Train

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
 from labyrinth_core.world.tasks import manhattan, tiles_matter
-from pipeline.generation.labyrinths import Solution, twin_problem
+from pipeline.generation.labyrinths import twin_problem
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
 

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import solve
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
@@ -31,7 +32,7 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import numbered_labyrinths, solve
+from pipeline.generation.labyrinths import numbered_labyrinths
 from pipeline.generation.table import (
     FACTS,
     Content,

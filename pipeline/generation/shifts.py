@@ -19,11 +19,12 @@ import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import TASKS_WITHOUT_TILES, own_labyrinth
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, own_labyrinth, toggled, walls
+from pipeline.generation.labyrinths import toggled, walls
 
 
 class Train(NamedTuple):

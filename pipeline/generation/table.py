@@ -16,13 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_groups
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import count_optimal
-from pipeline.generation.labyrinths import Solution
 
 if TYPE_CHECKING:
     import pyarrow as pa

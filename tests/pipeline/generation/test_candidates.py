@@ -16,8 +16,11 @@ from joblib.externals.loky import get_reusable_executor
 from making import Run
 from tampering import content_of, cut_short
 
+from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import draw_labyrinths, own_labyrinth
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
@@ -56,6 +59,20 @@ def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetC
     whole = drawn([85])
     for counts in ([40, 45], [1], [41, 1], [3, 100], [7, 30, 3, 1]):
         assert (drawn(counts) == whole).all()
+
+
+@pytest.mark.parametrize("options", [{"goals": "varied"}, {"task": "key_and_door"}], ids=str)
+def test_labyrinths_can_be_drawn_without_a_build(
+    make_run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, options: dict[str, str]
+) -> None:
+    config = make_run(Path("nowhere"), size="4", labyrinths=20, **options).dataset
+    taken = sample(config, Candidates(config, cells=CHUNKS)).structures
+    monkeypatch.setattr(drawing, "CELLS_PER_CHUNK", CHUNKS)
+    for split in SAMPLED_SPLITS:
+        structures = unpack(config, taken[split])
+        assert list(islice(draw_labyrinths(config, split), config.labyrinths)) == [
+            own_labyrinth(config, split, each) for each in structures
+        ]
 
 
 @given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))
