@@ -22,6 +22,9 @@ MOST_EPISODES = 1_000
 MOST_SEED = 2**64 - 1
 """The largest seed, of a dataset and of a policy."""
 
+FRESH = "fresh"
+"""In place of the number of labyrinths learnt from, if each epoch had new ones."""
+
 DETAILS = {
     "labyrinths": "number of labyrinths that the policy learnt from",
     "steps": "number of steps in environments during training",
@@ -109,15 +112,17 @@ class RunName:
     encoder: str
     """The network that encodes observations; the method's name if it has its own network."""
     protocol: str
-    train_labyrinths: int | None = None
-    """The number of labyrinths learnt from; None for all."""
+    train_labyrinths: int | str | None = None
+    """The number of labyrinths learnt from; None for all, `FRESH` for new ones in each epoch."""
     seed: int
 
     @property
     def _others(self) -> list[str]:
         """The choices besides method, encoder and seed that are not the defaults."""
         parts = [self.protocol] * (self.protocol != "default")
-        if self.train_labyrinths is not None:
+        if self.train_labyrinths == FRESH:
+            parts.append(FRESH)
+        elif self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")
         return parts
 

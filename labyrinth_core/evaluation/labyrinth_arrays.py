@@ -201,14 +201,19 @@ def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
 
 
 def of_the_learnt(
-    source: str | Path, config: str, split: str, learnt: int | None, revision: str | None = None
+    source: str | Path,
+    config: str,
+    split: str,
+    learnt: int | str | None,
+    revision: str | None = None,
 ) -> dict[str, Any]:
     """Return the arguments of `load_arrays` for the labyrinths derived from the first of train.
 
-    `learnt` is the number of these, None for all. Splits that are not derived from train
-    (`is_of_train`) are whole in any case. Raises the errors of `load_arrays`.
+    `learnt` is the number of these; for None and `description.FRESH` all are loaded. Splits that
+    are not derived from train (`is_of_train`) are whole in any case. Raises the errors of
+    `load_arrays`.
     """
-    if learnt is None or not is_of_train(split):
+    if not isinstance(learnt, int) or not is_of_train(split):
         return {}
     if split in BASE_SPLITS:  # One labyrinth for each of train.
         return {"labyrinths": learnt}
@@ -217,13 +222,27 @@ def of_the_learnt(
     return {"where": derived_from(train.labyrinth_ids)}
 
 
-def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:
-    """Return labyrinths of one size and task as arrays, without demonstrations.
+def as_arrays(
+    labyrinths: Sequence[Labyrinth],
+    spec: ObservationSpec,
+    routes: Iterable[Iterable[NDArray[np.int64]]] = (),
+) -> LabyrinthArrays:
+    """Return labyrinths of one size and task as arrays.
 
     States are observed when they are indexed, since a policy sees few of those of large labyrinths.
+
+    Args:
+        labyrinths: The labyrinths.
+        spec: How the states are observed.
+        routes: The actions of the episodes of each labyrinth, which begin at its start.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    return _stack(labyrinths, ids, [], spec, hold=False)
+    episodes = [
+        ((number, state_index(labyrinth, initial(labyrinth))), actions)
+        for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
+        for actions in of_one
+    ]
+    return _stack(labyrinths, ids, episodes, spec, hold=False)
 
 
 def _stack(

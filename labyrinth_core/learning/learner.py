@@ -80,6 +80,9 @@ class Problem:
     spec: NetworkSpec
     rng: np.random.Generator
     """The source of all randomness except weights and dropout, which use torch's generator."""
+    renewed: Callable[[Problem, int], Problem] | None = None
+    """Returns this problem with new labyrinths, given the number of an epoch from 0 on; None if
+    each epoch has the same labyrinths."""
 
     @property
     def device(self) -> torch.device:
@@ -105,6 +108,8 @@ class Learner(ABC):
     """The metric by which the best policy is selected; higher is better."""
     max_gradient: ClassVar[float] = inf
     """The norm to which the gradients of a step are clipped."""
+    renews: ClassVar[bool] = False
+    """Whether the method can learn from new labyrinths in each epoch (`train_labyrinths=fresh`)."""
     own_network: ClassVar[bool] = False
     """Whether a user's method has its own network for pictures, in place of `encoder`."""
     protocol: ClassVar[str | None] = None
@@ -165,6 +170,13 @@ class Learner(ABC):
             settings: The settings of the method.
         """
         return policy
+
+    def renew(self, problem: Problem) -> None:
+        """Take the labyrinths of the next epoch, if each epoch has new ones.
+
+        A method that keeps numbers of states overrides this: they belong to the old labyrinths.
+        """
+        self.problem = problem
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:

@@ -15,7 +15,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.description import RunName
+from labyrinth_core.evaluation.description import FRESH, RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.method import METHODS, target_of
@@ -84,8 +84,12 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "authors' code)",
         one_of=PROTOCOLS,
     )
-    train_labyrinths: int | None = option(
-        None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
+    train_labyrinths: int | str | None = option(
+        None,
+        "number of labyrinths to learn from, the first ones of train (all), or fresh for new ones "
+        "in each epoch",
+        at_least=1,
+        one_of=(FRESH,),
     )
     device: str = option(
         "auto",

@@ -16,12 +16,13 @@ from pipeline.config.options import SourceOptions, source_of
 from pipeline.config.stage import Job
 
 
-def manifest_of(job: Job[SourceOptions], train_labyrinths: int | None = None) -> Manifest:
+def manifest_of(job: Job[SourceOptions], train_labyrinths: int | str | None = None) -> Manifest:
     """Return the manifest of the dataset that a stage reads.
 
     Args:
         job: The dataset.
-        train_labyrinths: The number of labyrinths to learn from, which train must have.
+        train_labyrinths: The number of labyrinths to learn from, which train must have; None for
+            all, "fresh" for new ones.
 
     Raises:
         ConfigError: A folder is given with a revision, or train has too few labyrinths.
@@ -35,7 +36,7 @@ def manifest_of(job: Job[SourceOptions], train_labyrinths: int | None = None) ->
     except ValueError as error:
         raise ConfigError(str(error)) from error
     manifest = Manifest.read(folder)
-    if train_labyrinths is not None:
+    if isinstance(train_labyrinths, int):
         most = sum(shard.labyrinths for shard in manifest.of("train"))
         check(
             train_labyrinths <= most,

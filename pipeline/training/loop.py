@@ -55,6 +55,8 @@ def fit(
     saved = time.perf_counter()
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
+        if learner.problem.renewed is not None:
+            learner.renew(learner.problem.renewed(learner.problem, progress.epoch))
         figures = _plain(learner.epoch())
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1

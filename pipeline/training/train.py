@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from labyrinth_core.data.dataset import require_unchanged
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
+from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
@@ -30,7 +31,7 @@ from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
@@ -46,6 +47,7 @@ from pipeline.training.checkpoint import (
     save_policy,
     without_place,
 )
+from pipeline.training.fresh import FreshLabyrinths
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.options import TrainOptions
@@ -58,7 +60,13 @@ play; of 1,000, a success rate has a standard error of at most 1.6 percentage po
 
 def refuse(job: Job[TrainOptions]) -> None:
     """Check the method and its settings before any stage starts; raise a ConfigError."""
-    find(job.options.method_name, job.options.method, job.options.protocol)
+    options = job.options
+    method, _ = find(options.method_name, options.method, options.protocol)
+    check(
+        method.renews or options.train_labyrinths != FRESH,
+        f"train_labyrinths={FRESH}: method={options.method_name} learns from the same labyrinths "
+        "in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
+    )
 
 
 def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
@@ -249,7 +257,11 @@ def prepare(
         else load(split, first=TRIED if split in limited else None)
         for split in counts
     }
-    part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
+    learnt = options.train_labyrinths
+    part: dict[str, Any] = {
+        "revision": options.revision,
+        "labyrinths": learnt if isinstance(learnt, int) else None,
+    }
 
     def exploration() -> Steps:
         try:
@@ -272,6 +284,10 @@ def prepare(
         rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
+    if options.train_labyrinths == FRESH:
+        fresh = FreshLabyrinths(manifest_of(job), train.spec, job.dataset.seed)
+        say(f"Each epoch draws {fresh.count:,} new labyrinths from the bucket of train.")
+        problem = fresh.renewed(replace(problem, renewed=fresh.renewed), 0)
     return method(problem, settings), judge
 
 
