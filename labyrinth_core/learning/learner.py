@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from math import inf
@@ -104,8 +104,6 @@ class Learner(ABC):
 
     policy: nn.Module
     """The network that is evaluated and kept; the action is its highest output."""
-    selected_by: ClassVar[str] = "validation_sr"
-    """The metric by which the best policy is selected; higher is better."""
     max_gradient: ClassVar[float] = inf
     """The norm to which the gradients of a step are clipped."""
     renews: ClassVar[bool] = False
@@ -150,6 +148,15 @@ class Learner(ABC):
     ) -> dict[str, float]:
         """Return the metrics, besides success rates, of a policy evaluated during training."""
         return {}
+
+    @classmethod
+    def is_better(cls, figures: Mapping[str, float], best: Mapping[str, float]) -> bool:
+        """Return whether the policy with these metrics replaces the best so far.
+
+        By default its SR on validation has to be as high: of equally good policies the latest is
+        kept, which has learnt for longer.
+        """
+        return figures["validation_sr"] >= best["validation_sr"]
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003

@@ -37,14 +37,12 @@ class Protocol:
     """The number of epochs between evaluations; None for the method's own."""
     patience: float = inf
     """The number of evaluations without a better validation success rate that end training."""
-    first_of_equals: bool = False
-    """Whether to keep the first of several equally good policies instead of the latest."""
 
 
 PROTOCOLS = {
     "default": Protocol(resize=RESIZE_OF_PROTOCOL["default"]),
     "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
-    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"], first_of_equals=True),
+    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"]),
 }
 """`default` and `paper` keep the policy with the best success rate on validation.
 
