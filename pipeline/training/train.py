@@ -24,6 +24,7 @@ from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
@@ -47,7 +48,6 @@ from pipeline.training.checkpoint import (
     save_policy,
     without_place,
 )
-from pipeline.training.fresh import FreshLabyrinths
 from pipeline.training.loop import CHECKPOINT_SECONDS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.options import TrainOptions
@@ -285,8 +285,14 @@ def prepare(
         return rates | method.figures(policy, **splits)
 
     if options.train_labyrinths == FRESH:
-        fresh = FreshLabyrinths(manifest_of(job), train.spec, job.dataset.seed)
-        say(f"Each epoch draws {fresh.count:,} new labyrinths from the bucket of train.")
+        shown = manifest_of(job).config
+        check(
+            shown.min_walls == 1,
+            f"train_labyrinths={FRESH}: new labyrinths may be nearer to those of test than "
+            f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
+        )
+        fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)
+        say(f"Each epoch draws {shown.labyrinths:,} new labyrinths from the bucket of train.")
         problem = fresh.renewed(replace(problem, renewed=fresh.renewed), 0)
     return method(problem, settings), judge
 

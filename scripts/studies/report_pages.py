@@ -25,6 +25,7 @@ import report_environments
 import report_mapper
 import report_paper
 import report_reinforcement
+import report_scaling
 import report_shifts
 from figures import STYLE, save
 from matplotlib.figure import Figure
@@ -70,6 +71,11 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
     "procgen": report_benchmarks.procgen,
+    "scaling": report_scaling.rates,
+    "scaling new ends": report_scaling.new_ends,
+    "laws": report_scaling.laws,
+    "limits": report_scaling.limits,
+    "scaling missing": report_scaling.missing,
 }
 """Name of a table -> the function that makes it."""
 
@@ -82,6 +88,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mapper-sizes": report_mapper.draw_sizes,
     "reinforcement": report_reinforcement.draw,
     "benchmarks": report_benchmarks.draw,
+    "scaling": report_scaling.draw,
 }
 """Name of a figure's file -> the function that draws it."""
 

@@ -6,7 +6,6 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -19,17 +18,18 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Structure
+from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
-from pipeline.training.fresh import FreshLabyrinths
 from pipeline.training.loop import fit
 from pipeline.training.methods.method import find
 
@@ -38,10 +38,7 @@ VECTORS = ObservationSpec("vector", 64)
 
 def of_size(run: Run, count: int, **changed: Any) -> FreshLabyrinths:
     """Return the fresh labyrinths of a dataset that would have `count` of them."""
-    config = replace(run.dataset, **changed)
-    shards = [SimpleNamespace(labyrinths=count)]
-    manifest: Any = SimpleNamespace(config=config, of=lambda _: shards)
-    return FreshLabyrinths(manifest, VECTORS, 0)
+    return FreshLabyrinths(replace(run.dataset, labyrinths=count, **changed), VECTORS, 0)
 
 
 @pytest.mark.slow  # It draws ten thousand labyrinths.
@@ -82,7 +79,7 @@ def test_an_epoch_is_train_of_a_dataset_with_another_seed(
     build: Callable[..., Run],
     tmp_path: Path,
 ) -> None:
-    fresh = FreshLabyrinths(Manifest.read(small_dataset.folder), VECTORS, 7)
+    fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 7)
     problem = fresh.renewed(problem_of(), 3)
     built = build(tmp_path, seed=fresh.config_of(3).seed)
     arrays = load_arrays(built.data_dir, "3x3", "train", observation="vector")
@@ -97,9 +94,7 @@ def test_an_epoch_is_train_of_a_dataset_with_another_seed(
         assert all(map(np.array_equal, steps, loaded))
     again, other = fresh.renewed(problem, 3), fresh.renewed(problem, 4)
     assert again.arrays.labyrinths == arrays.labyrinths != other.arrays.labyrinths
-    assert FreshLabyrinths(Manifest.read(small_dataset.folder), VECTORS, 8).config_of(
-        3
-    ) != fresh.config_of(3)
+    assert FreshLabyrinths(small_dataset.dataset, VECTORS, 8).config_of(3) != fresh.config_of(3)
 
 
 @pytest.mark.slow  # A checkpoint is written and read after each epoch.
@@ -107,7 +102,7 @@ def test_an_epoch_is_train_of_a_dataset_with_another_seed(
 def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
     problem_of: Callable[..., Problem], small_dataset: Run, tmp_path: Path, name: str
 ) -> None:
-    fresh = FreshLabyrinths(Manifest.read(small_dataset.folder), VECTORS, 0)
+    fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
     given = {"epochs": 3, "evaluate_every": 3}
     given |= {"epochs_a_round": 2} if name in ("bco", "iupe") else {}
     method, settings = find(name, given)
@@ -142,7 +137,7 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
 def test_dagger_labels_the_states_that_it_visits_in_the_labyrinths_of_the_epoch(
     problem_of: Callable[..., Problem], small_dataset: Run
 ) -> None:
-    fresh = FreshLabyrinths(Manifest.read(small_dataset.folder), VECTORS, 0)
+    fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
     method, settings = find("dagger", {})
     learner: Any = method(problem_of(renewed=fresh.renewed), settings)
     added = 0
@@ -160,7 +155,7 @@ def test_dagger_labels_the_states_that_it_visits_in_the_labyrinths_of_the_epoch(
 def test_bco_labels_the_demonstrations_of_each_epoch_also_between_two_rounds(
     problem_of: Callable[..., Problem], small_dataset: Run
 ) -> None:
-    fresh = FreshLabyrinths(Manifest.read(small_dataset.folder), VECTORS, 0)
+    fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
     method, settings = find("bco", {"epochs_a_round": 2})
     learner: Any = method(problem_of(renewed=fresh.renewed), settings)
     for epoch in range(3):
@@ -218,8 +213,12 @@ def test_what_cannot_learn_from_them_is_refused_in_one_line(
     assert "\n" not in str(caught.value)
 
 
-def test_a_dataset_with_splits_several_walls_apart_is_refused(small_dataset: Run) -> None:
-    with pytest.raises(
-        ConfigError, match=r"\Atrain_labyrinths=fresh: .* splits\.min_walls=2 walls"
-    ):
-        of_size(small_dataset, 8, min_walls=2)
+def test_a_dataset_with_splits_several_walls_apart_is_refused(
+    build: Callable[..., Run], make_run: Callable[..., Run], tmp_path: Path
+) -> None:
+    split = SplitsConfig(2)
+    data = build(tmp_path, size="4", splits=split)
+    given: dict[str, Any] = {"method": {"name": "bc"}, "train_labyrinths": "fresh"}
+    given |= {"stages": ["train"], "run_dir": str(tmp_path / "runs"), "size": "4", "splits": split}
+    with pytest.raises(ConfigError, match=r"\Atrain_labyrinths=fresh: .* splits\.min_walls=2 a"):
+        train.run(make_run(data.data_dir, **given))
