@@ -117,6 +117,11 @@ class RunName:
     seed: int
 
     @property
+    def first_labyrinths(self) -> int | None:
+        """The number of the first labyrinths of train, if the run learnt from these alone."""
+        return self.train_labyrinths if isinstance(self.train_labyrinths, int) else None
+
+    @property
     def _others(self) -> list[str]:
         """The choices besides method, encoder and seed that are not the defaults."""
         parts = [self.protocol] * (self.protocol != "default")

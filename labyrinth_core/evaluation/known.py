@@ -133,13 +133,13 @@ class KnownDataset:
         """The fingerprint of the dataset's rows."""
         return self.manifest.fingerprint
 
-    def split(self, name: str, learnt: int | str | None = None) -> KnownSplit:
+    def split(self, name: str, learnt: int | None = None) -> KnownSplit:
         """Return a split's labyrinths, routes and baselines, computed from the dataset.
 
         Args:
             name: The name of the split.
             learnt: The number of labyrinths, the first of train, that a policy learnt from; the
-                references know only these, and it is judged only on these. None or "fresh" for all.
+                references know only these, and it is judged only on these. None for all.
 
         Raises:
             ValueError: The dataset has no such split.

@@ -103,13 +103,12 @@ def entries_of(
 
 
 def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
+    labyrinths = run.first_labyrinths or figures["train"]["labyrinths"]
     return Description(
         name=title_of(run),
         author=AUTHOR if run.method in METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
-        details={}
-        if run.train_labyrinths == FRESH
-        else {"labyrinths": run.train_labyrinths or figures["train"]["labyrinths"]},
+        details={} if run.train_labyrinths == FRESH else {"labyrinths": labyrinths},
     )
 
 
