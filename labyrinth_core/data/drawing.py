@@ -91,7 +91,9 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
     return True
 
 
-def candidates(config: DatasetConfig, number: int = 0) -> Iterator[tuple[Structure, str | None]]:
+def candidates(
+    config: DatasetConfig, number: int = 0, only: str | None = None
+) -> Iterator[tuple[Structure, str | None]]:
     """Yield the random structures of a chunk of the dataset, then others without end.
 
     Each comes with its split: train, validation or test; None if no split can use it, or if it
@@ -100,6 +102,8 @@ def candidates(config: DatasetConfig, number: int = 0) -> Iterator[tuple[Structu
     Args:
         config: The configuration of the dataset.
         number: The number of the chunk. The first chunk suffices for most datasets.
+        only: The only split for which it matters whether a structure can hold the task, which takes
+            time for tasks with tiles; None for all.
     """
     key = (number, DRAWING) if number else ()
     structures = sample_structures(
@@ -115,8 +119,8 @@ def candidates(config: DatasetConfig, number: int = 0) -> Iterator[tuple[Structu
         if structure.structure_id not in seen:
             seen.add(structure.structure_id)
             split = bucket_of(config, structure)
-            if split is not None and not holds_task(config, split, structure):
-                split = None
+            if split is not None and only in (None, split):
+                split = split if holds_task(config, split, structure) else None
         yield structure, split
 
 
@@ -134,7 +138,7 @@ def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
     seen: set[str] = set()
     failed = 0
     for number in count():
-        for structure, found in islice(candidates(config, number), sizes[number > 0]):
+        for structure, found in islice(candidates(config, number, split), sizes[number > 0]):
             failed += 1
             if failed > PATIENCE:
                 return
