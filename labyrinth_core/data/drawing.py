@@ -17,7 +17,7 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.dynamics import Episode, random_episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import (
     erring_route,
@@ -40,7 +40,6 @@ CELLS_PER_CHUNK = 1_638_400, 204_800
 PATIENCE = 300_000
 """The number of candidates without success after which the sampler gives up."""
 
-TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
 
 PLACING, ACTING, DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
@@ -70,7 +69,7 @@ def own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> La
     if config.goals == "varied":
         return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
     start, goal = default_start_and_goal(config.height, config.width)
-    if config.task in TASKS_WITHOUT_TILES:  # Nothing is drawn.
+    if not config.task.rules.tiles:  # Nothing is drawn.
         return Labyrinth(structure, start, goal, config.task)
     return place(structure, start, goal, config.task, item_rng(config, split, structure))
 
@@ -80,7 +79,7 @@ def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
 
     Train, validation and test have the same requirement, so that they have the same distribution.
     """
-    if config.task in TASKS_WITHOUT_TILES:
+    if not config.task.rules.tiles:
         return True
     try:
         labyrinth = own_labyrinth(config, split, structure)

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, State, replay
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Task
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth
 
 NO_LABEL = -1
 
@@ -81,7 +81,7 @@ class ExampleSampler:
             return (labyrinth, state), np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
-        hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
+        hidden = labyrinth.task.rules.hides
         for index in [agent] if hidden else range(first, last, step):
             there = episode.states[index]
             if there[1:] == state[1:]:
@@ -107,18 +107,18 @@ class Parts(Sequence[tuple[int, int]]):
     """
 
     def __init__(self, episode: Episode) -> None:
-        labyrinth = episode.labyrinth
+        labyrinth, door = episode.labyrinth, episode.labyrinth.door
         self._cells = np.array([state.agent for state in episode.states])
         self._forward = True
         """Whether the goal has to come after the start."""
-        if labyrinth.door is None:
+        if labyrinth.task.rules.is_reversible or door is None:
             self._goals = ~np.isin(self._cells, [*labyrinth.ice])
             starts = self._goals
             self._forward = bool((np.diff(self._cells) == 0).any())  # A bump cannot be undone.
         else:
             starts = np.array([not state.has_key for state in episode.states])
-            before_door = np.array(labyrinth.structure.distances(labyrinth.start, [labyrinth.door]))
-            behind = (before_door[self._cells] == UNREACHABLE) & (self._cells != labyrinth.door)
+            before_door = np.array(labyrinth.structure.distances(labyrinth.start, [door]))
+            behind = (before_door[self._cells] == UNREACHABLE) & (self._cells != door)
             first_visits = np.zeros(len(self._cells), np.bool_)
             first_visits[np.unique(self._cells, return_index=True)[1]] = True
             self._goals = behind & first_visits

@@ -74,7 +74,6 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     observation: str = option(
         "image",
         "input of the policy: image, vector (for encoder=mlp), or text (only for policy=...)",
-        one_of=("image", "vector", "text"),
     )
     protocol: str = option(
         "default",
@@ -111,6 +110,11 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         return module.rpartition(".")[2] if found in ("", "Method") else found
 
     @property
+    def first_labyrinths(self) -> int | None:
+        """The number of the first labyrinths of train, if the run learns from these alone."""
+        return self.train_labyrinths if isinstance(self.train_labyrinths, int) else None
+
+    @property
     def network(self) -> str:
         """The encoder of the policy, or the name of a method that has a network of its own."""
         if ":" in self.method_name:
@@ -125,6 +129,13 @@ NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
 
 
+def check_observation(name: str) -> None:
+    """Raise a ConfigError if the library has no such observation."""
+    from labyrinth_core.pictures.observations import OBSERVATIONS
+
+    check(name in OBSERVATIONS, f"observation={name}: choose one of {listed(OBSERVATIONS)}")
+
+
 def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option for training is invalid, or a library is missing."""
     missing = [name for name in NEEDS if find_spec(name) is None]
@@ -133,7 +144,11 @@ def check_training(options: TrainingOptions) -> None:
     name, seen = options.method_name, options.observation
     check_method(options)
     check_options(options, TrainingOptions)
-    check(seen != "text", "observation=text is only for policy=...: give image or vector")
+    check_observation(seen)
+    check(
+        seen in ("image", "vector"),
+        f"observation={seen} is only for policy=...: give image or vector",
+    )
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
         options.encoder in fitting,

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
+from typing import NamedTuple
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -40,7 +41,10 @@ def labyrinth_and_parent(
         return own_labyrinth(config, split, structure), None
     parent = own_labyrinth(config, kind.parent, structure)
     if kind.new_structure:
-        return twin(config, parent), parent
+        made = NEW_STRUCTURES[split].make(config, parent)
+        if (bucket := bucket_of(config, made.structure)) != kind.bucket:
+            raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
+        return made, parent
     if kind.new_start and kind.new_goal:
         return change_start_and_goal(parent, item_rng(config, split, structure)), parent
     if kind.new_start:
@@ -117,6 +121,24 @@ def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) 
     return "a demonstrated route is open still, and as short as any"
 
 
+class NewStructure(NamedTuple):
+    """How a shift makes a labyrinth with another structure from a labyrinth of its parent.
+
+    Labyrinths whose structure is not in the shift's `bucket` are left out, since another dataset
+    may train on it.
+    """
+
+    make: Callable[[DatasetConfig, Labyrinth], Labyrinth]
+    """Returns the labyrinth, always the same one, given its parent; raises LabyrinthError if there
+    is none."""
+    problem: Callable[[DatasetConfig, Labyrinth, Labyrinth], str | None]
+    """Returns why a labyrinth, the second one, cannot be made from its parent; None if it can."""
+
+
+NEW_STRUCTURES = {"one_wall": NewStructure(twin, twin_problem)}
+"""Each shift with `new_structure` -> how its labyrinths are made."""
+
+
 def toggled(structure: Structure, cell: int, beside: int) -> Structure:
     """Return a structure with the passage between two neighbouring cells opened or shut."""
     low, high = min(cell, beside), max(cell, beside)
@@ -149,7 +171,7 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     for cell, beside in walls(structure):
         there = from_start[cell] + 1 + to_goal[beside]
         back = from_start[beside] + 1 + to_goal[cell]
-        if labyrinth.key is not None or min(there, back) < moves:
+        if not labyrinth.task.rules.is_reversible or min(there, back) < moves:
             yield cell, beside
 
 

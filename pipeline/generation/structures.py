@@ -33,7 +33,6 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import (
     PATIENCE,
-    TASKS_WITHOUT_TILES,
     holds_task,
     own_labyrinth,
     solve,
@@ -204,7 +203,7 @@ def check_capacity(config: DatasetConfig) -> None:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
             raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
-    rare = config.task not in TASKS_WITHOUT_TILES
+    rare = bool(config.task.rules.tiles)
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)

@@ -43,13 +43,8 @@ from labyrinth_core.policies.networks.slots import (
     Scene,
     Slots,
     Surroundings,
-    cell_of_colour,
-    grown,
     masks_of,
     places_of,
-    scene_of,
-    shifted,
-    slots_of,
 )
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import state_at
@@ -151,7 +146,7 @@ class Method(Learner):
             own = pairs[steps[number] : steps[number + 1]] - first
             moved = (moving_colour([seen[each] for each in pair], *self.size) for pair in own)
             colours.append(next(colour for colour in moved if colour is not None))
-            cells += [cell_of_colour(each, colours[-1], *self.size) for each in seen]
+            cells += [each.cell_of(colours[-1], *self.size) for each in seen]
         return np.array(colours), np.array(cells)
 
     def look(self, states: NDArray[np.int64]) -> list[Slots]:
@@ -162,7 +157,7 @@ class Method(Learner):
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
             view = (labyrinth, state_at(labyrinth, int(arrays.state[state])))
-            found.append(slots_of(spec.look([view])[0]))
+            found.append(Slots.of(spec.look([view])[0]))
         return found
 
     def draw(self, states: NDArray[np.int64], overgrown: int) -> tuple[Tensor, Tensor]:
@@ -188,21 +183,21 @@ class Method(Learner):
 
         def shown(slots: Slots) -> Scene:
             """Return the slots in the middle, at each side and corner of cells, or anywhere."""
-            scene = scene_of(slots, *self.size, 4)
+            scene = slots.scene(*self.size, 4)
             for axis, count in enumerate(scene.shape):
                 starts = [0] if overgrown else [0, *range(1, count, 2)]
                 scene = np.bitwise_or.reduceat(scene, starts, axis)
             return scene
 
         down, right = rng.integers(-settings.shift, settings.shift, 2, endpoint=True).tolist()
-        slots = shifted(slots, down, right)
+        slots = slots.shifted(down, right)
         before = shown(slots)
         for slot in rng.permutation(len(slots.colours)).tolist():
-            larger = grown(slots, slot, int(rng.integers(most, endpoint=True)))
+            larger = slots.grown(slot, int(rng.integers(most, endpoint=True)))
             after = shown(larger)
             if not (before & ~after).any():
                 slots, before = larger, after
-        return scene_of(slots, *self.size)
+        return slots.scene(*self.size)
 
     def epoch(self) -> dict[str, float]:
         self.policy.train()
@@ -257,7 +252,7 @@ def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | N
     """
     places = []
     for slots in pictures:
-        cells = scene_of(slots, height, width, 1)
+        cells = slots.scene(height, width, 1)
         numbers = enumerate(slots.colours.tolist())
         places.append({colour: (cells >> number & 1).tobytes() for number, colour in numbers})
     before, after = places

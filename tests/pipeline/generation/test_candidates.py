@@ -18,6 +18,7 @@ from tampering import content_of, cut_short
 
 from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import draw_labyrinths, own_labyrinth
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
@@ -111,7 +112,7 @@ def test_only_a_dataset_that_one_chunk_does_not_suffice_for_has_the_newer_format
 ) -> None:
     manifest = Manifest.read(of_chunks.folder)
     assert manifest.format == FORMAT_OF_CHUNKS
-    assert validate(of_chunks.folder, manifest) == []
+    assert validate(Dataset.at(of_chunks.folder)) == []
     assert Manifest.read(small_dataset.folder).format == FORMAT
     begun = build(tmp_path / "a", **OF_CHUNKS | {"labyrinths": 8})
     whole = build(tmp_path / "b", **OF_CHUNKS | {"labyrinths": 8, "cells_per_chunk": (10**6, 1)})
@@ -125,7 +126,7 @@ def test_two_workers_make_the_bytes_that_one_makes_and_find_them_valid(
 ) -> None:
     try:
         run = build(tmp_path, **OF_CHUNKS, workers=2)
-        problems = validate(run.folder, Manifest.read(run.folder), workers=2)
+        problems = validate(Dataset.at(run.folder), workers=2)
     finally:
         get_reusable_executor().shutdown(wait=True)
     assert content_of(run.data_dir) == content_of(of_chunks.data_dir)

@@ -14,7 +14,7 @@ import torch
 from learning import equal_weights
 from making import Run
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -90,7 +90,7 @@ def test_an_epoch_is_train_of_a_dataset_with_another_seed(
         ("train", problem.demonstrations),
         ("random", problem.exploration()),
     ):
-        loaded = load_steps(built.data_dir, "3x3", split, arrays)
+        loaded = load_steps(Dataset(built.data_dir, "3x3")[split], arrays)
         assert all(map(np.array_equal, steps, loaded))
     again, other = fresh.renewed(problem, 3), fresh.renewed(problem, 4)
     assert again.arrays.labyrinths == arrays.labyrinths != other.arrays.labyrinths
@@ -184,9 +184,7 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == "fresh"
     assert {content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS} == {8}
-    (shown,) = read_results(
-        tmp_path / "runs", small_dataset.data_dir, [Manifest.read(small_dataset.folder)]
-    )
+    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
     assert shown["name"] == "bc-cnn-fresh"
 
 
