@@ -90,7 +90,9 @@ class Drawing(NamedTuple):
             return False
         return True
 
-    def candidates(self, number: int = 0) -> Iterator[tuple[Structure, str | None]]:
+    def candidates(
+        self, number: int = 0, only: str | None = None
+    ) -> Iterator[tuple[Structure, str | None]]:
         """Yield the random structures of a chunk of the dataset, then others without end.
 
         Each comes with its split: train, validation or test; None if no split can use it, or if it
@@ -98,6 +100,8 @@ class Drawing(NamedTuple):
 
         Args:
             number: The number of the chunk. The first chunk suffices for most datasets.
+            only: The only split for which it matters whether a structure can hold the task, which
+                takes time for tasks with tiles; None for all.
         """
         key = (number, DRAWING) if number else ()
         structures = sample_structures(
@@ -113,8 +117,8 @@ class Drawing(NamedTuple):
             if structure.structure_id not in seen:
                 seen.add(structure.structure_id)
                 split = bucket_of(self.config, structure)
-                if split is not None and not self.holds_task(split, structure):
-                    split = None
+                if split is not None and only in (None, split):
+                    split = split if self.holds_task(split, structure) else None
             yield structure, split
 
 
@@ -133,7 +137,7 @@ def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
     seen: set[str] = set()
     failed = 0
     for number in count():
-        for structure, found in islice(drawing.candidates(number), sizes[number > 0]):
+        for structure, found in islice(drawing.candidates(number, split), sizes[number > 0]):
             failed += 1
             if failed > PATIENCE:
                 return
