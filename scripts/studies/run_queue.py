@@ -68,7 +68,7 @@ on."""
 MANY = 10_000
 """The labyrinths of train in most runs of SCALING, and of an epoch of FRESH ones."""
 
-STEPS = {4_000: 3, 50_000: 36}
+STEPS = {2_800: 2, 50_000: 36}
 """The gradient steps of a run of SCALING, about -> how often it sees a step of MANY labyrinths."""
 
 POINTS: tuple[int | str, ...] = (100, 1_000, MANY, FRESH, 300, 3_000)
