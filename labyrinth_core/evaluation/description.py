@@ -19,6 +19,9 @@ LONGEST = 300
 MOST_EPISODES = 1_000
 """The largest number of episodes in each labyrinth."""
 
+CONTROLS = 10, 10_000
+"""The smallest and the largest number of control training sets of a receipt."""
+
 MOST_SEED = 2**64 - 1
 """The largest seed, of a dataset and of a policy."""
 

@@ -302,4 +302,10 @@ def _limits(trained: Trained) -> list[str]:
     names += ["plans_once" if isinstance(spec.own, MapperSpec) else "no_memory"]
     names += ["pictures"] * (spec.observation == "image")
     names += ["knowledge"] * isinstance(spec.own, PlannerSpec)
-    return [paragraph(f"policy_{name}") for name in names]
+    limits = [paragraph(f"policy_{name}") for name in names]
+    receipt = trained.results.memorised
+    if receipt is not None:
+        figures = {"excess": f"{receipt.excess:+.2f}", "most": f"{receipt.most:.1f}"}
+        figures |= {"p": f"{receipt.p:.3f}", "drawn": f"{receipt.drawn:,}"}
+        limits.append(paragraph("policy_memorised", **figures))
+    return limits

@@ -23,6 +23,7 @@ import report_controls
 import report_coverage
 import report_environments
 import report_mapper
+import report_memorising
 import report_paper
 import report_reinforcement
 import report_scaling
@@ -66,11 +67,19 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "mapper": report_mapper.rates,
     "on slots": report_mapper.on_slots,
     "mapper sizes": report_mapper.sizes,
+    "memorising headline": report_memorising.headline,
+    "memorising": report_memorising.methods,
+    "memorising validity": report_memorising.validity,
+    "memorising uniform": report_memorising.uniform,
+    "memorising conditions": report_memorising.conditions,
+    "memorising missing": report_memorising.missing,
     "environments": report_environments.like_theirs,
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
+    "published": report_benchmarks.published,
     "procgen": report_benchmarks.procgen,
+    "procgen views": report_benchmarks.procgen_views,
     "scaling": report_scaling.rates,
     "scaling new ends": report_scaling.new_ends,
     "laws": report_scaling.laws,
