@@ -189,7 +189,7 @@ def limits() -> str:
                         f"{fsum(each['seconds'] for each in made) / 3600:.2f}",
                     ]
                 )
-    heading = ["goals", "steps", "labyrinths", "epoch kept", "loss", "validation", "limited by"]
+    heading = ["goals", "steps", "labyrinths", "epoch kept", "loss", "validation", "limit"]
     return table([*heading, "hours"], rows, "lrrrrrlr")
 
 
@@ -249,7 +249,7 @@ def draw() -> Figure:
             draw_line(right, places, some, COLOURS[place], f"{split}, goals={goals}", marker, style)
     right.set_title("new starts (s0), and new goals too")
     for panel in (left, right):
-        panel.set(xscale="log", xlabel="labyrinths trained on", ylim=(-3, 103))
+        panel.set(xscale="log", xlabel="labyrinths trained on", xlim=(70, 2 * ends), ylim=(-3, 103))
         panel.set_xticks([100, 1_000, MANY, ends], ["100", "1,000", "10,000", "without\nend"])
         panel.minorticks_off()
         panel.grid(alpha=0.3)

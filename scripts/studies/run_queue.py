@@ -167,7 +167,7 @@ def scaled(method: str, goals: str, labyrinths: int | str, steps: int, seed: int
     learnt = labyrinths if isinstance(labyrinths, int) else MANY
     epochs = 100 if method == "gail" else round(STEPS[steps] * MANY / learnt)
     given = f"method={method} seed={seed} train_labyrinths={labyrinths} method.epochs={epochs}"
-    given += f" method.evaluate_every={epochs // 3}"
+    given += f" method.evaluate_every={max(1, epochs // 3)}"
     data, evaluated = GOALS[goals]
     name = RunName(
         method=method, encoder="cnn", protocol="default", train_labyrinths=labyrinths, seed=seed
