@@ -90,7 +90,6 @@ HOMES = {
         "labyrinth_core.data",
         "labyrinth_core.policies",
         "pipeline.release",
-        "pipeline.season.submission",
     ),
     "PIL": (
         "labyrinth_core.env",
@@ -112,7 +111,7 @@ HOMES = {
         "pipeline.training",
         "pipeline.season.submission",
     ),
-    "onnxruntime": ("pipeline.season.graph_process",),
+    "onnxruntime": ("labyrinth_core.policies.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",

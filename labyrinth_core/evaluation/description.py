@@ -164,6 +164,28 @@ class TrainedRun(RunName):
     """Figures by split under the protocol's own rules, if any."""
 
 
+def method_title(name: str) -> str:
+    """Return the name of a method in tables: `bc`, or for `module:Class` the name of the class.
+
+    A class called `Method` is named after its module.
+    """
+    module, _, found = name.partition(":")
+    found = found.rpartition(".")[2]
+    return module.rpartition(".")[2] if found in ("", "Method") else found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Where a policy was opened and what its files are, so that anyone can play it again."""
+
+    source: str
+    """A folder, a file, or an id on the Hub."""
+    commit: str | None
+    """The commit on the Hub; None for a folder or a file."""
+    files: Mapping[str, str]
+    """Name -> SHA-256 of each file, the weights first."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Judgement:
     """What the judge of a season signs: the policy, its files, and the versions of libraries."""

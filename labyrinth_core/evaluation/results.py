@@ -13,7 +13,12 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import named_file, read_json, write_text
-from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
+from labyrinth_core.evaluation.description import (
+    Description,
+    Judgement,
+    Origin,
+    TrainedRun,
+)
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
@@ -24,6 +29,7 @@ from labyrinth_core.evaluation.results_form import (
     JUDGEMENT,
     KIND,
     METHOD,
+    ORIGIN,
     RUN,
     refuse,
     rules_of,
@@ -92,6 +98,9 @@ class Results:
     """The description of the policy in the file that was read; None for new results."""
     judged: Judgement | None = None
     """What the judge of a season signs; None for other results."""
+    policy: Origin | None = None
+    """The files of the policy if `open_policy` opened it and neither `run` nor `judged` names
+    them."""
 
     def __repr__(self) -> str:
         """Return the figures as tables with a line for each split, and the legend."""
@@ -214,7 +223,7 @@ class Results:
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        judged = content.get("judged")
+        judged, policy = content.get("judged"), content.get("policy")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -229,6 +238,7 @@ class Results:
             run=run,
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
+            policy=None if policy is None else Origin(**taken(policy, ORIGIN)),
         )
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
@@ -259,6 +269,7 @@ class Results:
         """Return what `save` writes, in plain types."""
         run = {} if self.run is None else {"run": asdict(self.run)}
         judged = {} if self.judged is None else {"judged": asdict(self.judged)}
+        policy = {} if self.policy is None else {"policy": asdict(self.policy)}
         return {
             "kind": KIND,
             "format": FORMAT,
@@ -272,6 +283,7 @@ class Results:
             "evaluated": {name: getattr(self, name) for name in EVALUATED},
             **run,
             **judged,
+            **policy,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }

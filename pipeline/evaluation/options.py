@@ -68,12 +68,12 @@ class EvaluateOptions(TrainingOptions, OverwriteOption):
 
     policy: str = option(
         "",
-        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
-        "Hub such as user/planner-5x5@1.0.0",
+        "policy to evaluate: the folder of a run or of a published policy, an ONNX graph, an id on "
+        "the Hub such as user/planner-5x5@1.0.0, or module:name",
         like=(
             r"([\w.]+:[\w.]+|(?!.*\.zip$)[^@:\x00-\x1f]+(@[\w./-]+)?)?",
-            "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
-            "@ and a revision if it is not main",
+            "module:name, the folder of a run or of a published policy, an ONNX graph, or an id on "
+            "the Hub, with @ and a revision if it is not main",
         ),
     )
     evaluate_on: str = option(
