@@ -58,7 +58,7 @@ class PolicyFiles:
         return Origin(source=self.source, commit=self.commit, files=hashes)
 
 
-def open_policy(source: str | Path, *, revision: str | None = None) -> Any:
+def open_policy(source: str | Path, *, revision: str | None = None, code: bool = True) -> Any:
     """Return the policy that a name stands for, ready for `evaluate` and `compare`.
 
     | source | policy |
@@ -73,15 +73,18 @@ process without access to files and keys; `close()` ends it |
 is a class or a function without required arguments |
 
     All but the last are data: no code in them is executed. They have an attribute `origin` with the
-    SHA-256 of each file, which results name, so that anyone can play the policy again.
+    SHA-256 of each file, which results name, so that anyone can play the policy again. The network
+    of a run acts as the library's do, even if the run's method is in Python and has its own rules.
 
     Args:
         source: The name. On the Hub, `@` and a branch, tag or commit may follow; after a folder or
             a file, `@` and the SHA-256 of the weights, which must agree.
         revision: Another way to give what follows `@`.
+        code: Whether `module:name` is allowed; give False for a name from someone else.
 
     Raises:
-        PolicyNameError: The name has a revision that is not allowed, or there is no such object.
+        PolicyNameError: The name has a form or a revision that is not allowed, or there is no such
+            object.
         DatasetError: The policy does not exist, is damaged, too large or another one than the
             SHA-256 says, or a library is missing.
         PolicyError: The Python module, class or function raises an error, or an ONNX graph has
@@ -89,14 +92,15 @@ is a class or a function without required arguments |
     """
     name = str(source)
     if _MODULE.fullmatch(name):
-        if revision is not None:
-            raise PolicyNameError(f"{name}: a policy in Python has no revision")
+        if not code or revision is not None:
+            told = "has no revision" if code else "is not executed"
+            raise PolicyNameError(f"{name}: a policy in Python {told}")
         found = imported(name, lambda module: asked(import_module, module))
         return asked(found) if _makes_one(found) else found
     files = files_of(source, revision)
     origin = files.origin()
     policy = open_files(files.paths, name)
-    policy.origin = origin
+    policy.origin, policy.run = origin, None
     if RECORD in files.paths:
         policy.run = trained_run(files.paths[RECORD].parent)
     return policy
