@@ -45,6 +45,8 @@ ROOMS = {
     "labyrinth_core.benchmarks": of_library("language", "data"),
     # The command needs data to write files as all are written.
     "labyrinth_core.command": of_library("world", "language", "pictures", "data"),
+    # What a person checks their own policy or method with.
+    "labyrinth_core.testing": of_library("world", "evaluation", "learning"),
     "labyrinth_core": ("labyrinth_core",),
     "pipeline.config": ("labyrinth_core",),
     "pipeline.machinery": ("labyrinth_core", "pipeline.config"),

@@ -52,7 +52,8 @@ def evaluate(
       no memory, so it is called once for each state of each labyrinth.
     - An object with `reset(count)` and `act(observations)`, which may have memory. All `count`
       episodes are stepped in lock-step; it still sees the final states of finished episodes, and
-      its answers there are ignored.
+      its answers there are ignored. If `act` takes an argument `episodes`, it sees only the
+      episodes that go on, and is given their numbers, from 0 to `count` - 1.
     - Either of them, if the function or `reset` takes an argument `rng`: a
       `numpy.random.Generator`, for a stochastic policy. It is stepped, too.
     - A model or policy of Stable-Baselines3, or any object with its `predict`, called with

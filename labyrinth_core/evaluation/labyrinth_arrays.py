@@ -217,13 +217,25 @@ def of_the_learnt(
     return {"where": derived_from(train.labyrinth_ids)}
 
 
-def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:
-    """Return labyrinths of one size and task as arrays, without demonstrations.
+def as_arrays(
+    labyrinths: Sequence[Labyrinth],
+    spec: ObservationSpec,
+    routes: Sequence[NDArray[np.int64]] = (),
+) -> LabyrinthArrays:
+    """Return labyrinths of one size and task as arrays.
 
     States are observed when they are indexed, since a policy sees few of those of large labyrinths.
+
+    Args:
+        labyrinths: The labyrinths, no two equal.
+        spec: How their states are observed.
+        routes: The actions of a demonstration in each labyrinth; none for no demonstrations.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    return _stack(labyrinths, ids, [], spec, hold=False)
+    begun = (
+        (each, state_index(one, initial(one))) for each, one in zip(ids, labyrinths, strict=True)
+    )
+    return _stack(labyrinths, ids, list(zip(begun, routes, strict=False)), spec, hold=False)
 
 
 def _stack(
