@@ -13,12 +13,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from posixpath import normpath
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
+from labyrinth_core.data.episodes import WholeEpisodes, grouped
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.manifest import (
@@ -27,6 +28,8 @@ from labyrinth_core.data.manifest import (
     Manifest,
     Shard,
     replaced,
+    table_file,
+    table_groups,
 )
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
@@ -34,6 +37,7 @@ from labyrinth_core.data.selection import Spans, Step, ends_of, select
 from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from pyarrow.parquet import ParquetFile
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
@@ -45,21 +49,60 @@ Marks = NDArray[np.int8]
 """Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A split, or some labyrinths of it."""
+class ShardFile(NamedTuple):
+    """A shard, and where its file is."""
 
     folder: AnyPath
-    shards: Sequence[Shard]
+    """The folder of the dataset, or of what was downloaded of it."""
+    shard: Shard
+    remote: RemotePath | None = None
+    """The folder on the Hub to read the file in, if `folder` lacks it; None if it has the file."""
+
+    @property
+    def path(self) -> AnyPath:
+        """The path of the file."""
+        return (self.remote or self.folder) / self.shard.path
+
+    def opened(self) -> AbstractContextManager[ParquetFile]:
+        """Check and open the file; see `rows.opened`."""
+        if self.remote is None or (self.folder / self.shard.path).is_file():
+            return opened(self.folder, self.shard)
+        return opened_in_place(self.remote / self.shard.path, self.shard)
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield the rows of some row groups after the other.
+
+        Raises:
+            DatasetError: The shard is missing, damaged, or not the one in the manifest.
+        """
+        with self.opened() as file:
+            groups = range(file.num_row_groups)
+            yield from rows_together(file, groups, self.path, pictures=pictures)
+
+    def episodes(self) -> Iterator[WholeEpisodes]:
+        """Yield the episodes without pictures, some at a time; raise DatasetError as `rows`."""
+        return grouped(self.rows(pictures=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The rows that a query requests."""
+
+    query: Query
+    files: Sequence[ShardFile]
     """All shards of the split."""
     spans: Spans | None = None
     """The requested labyrinths; None for all rows."""
-    config: DatasetConfig | None = None
-    """The dataset's config, if known, which `replayed` checks labyrinths against."""
-    place: RemotePath | None = None
-    """Remote folder of the shards that `folder` lacks; None if it has all that are required."""
-    query: Query | None = None
-    """The request for this part; `units` may need it to read the table."""
+
+    @property
+    def shards(self) -> list[Shard]:
+        """All shards of the split."""
+        return [file.shard for file in self.files]
+
+    @property
+    def config(self) -> DatasetConfig:
+        """The dataset's config, which `replayed` checks labyrinths against."""
+        return self.query.dataset.manifest.config
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -68,9 +111,9 @@ class Part:
     def counts(self) -> NDArray[np.int64]:
         """Return the number of rows of each shard that belong to this part."""
         if self.spans is None:
-            return np.array([shard.rows for shard in self.shards])
+            return np.array([file.shard.rows for file in self.files])
         firsts, rows = self.spans
-        counts = np.zeros(len(self.shards), np.int64)
+        counts = np.zeros(len(self.files), np.int64)
         np.add.at(counts, np.searchsorted(ends_of(self.shards), firsts, "right"), rows)
         return counts
 
@@ -91,14 +134,15 @@ class Part:
         Call it before memory is taken for the rows that the manifest promises.
         """
         for number in np.flatnonzero(self.counts()).tolist():
-            path, size = self.folder / self.shards[number].path, self.shards[number].bytes
+            folder, shard, _ = self.files[number]
+            path, size = folder / shard.path, shard.bytes
             if isinstance(path, Path) and path.is_file() and path.stat().st_size != size:
                 with self.opened(number):  # It raises the error.
                     pass
 
     def _marks(self, spans: Spans, number: int) -> Marks:
         """Return the marks of the rows of a shard, which has as many as the manifest says."""
-        count = self.shards[number].rows
+        count = self.files[number].shard.rows
         begin = int(ends_of(self.shards)[number]) - count
         own = slice(*np.searchsorted(spans[0], [begin, begin + count]))
         firsts, rows = spans[0][own] - begin, spans[1][own]
@@ -124,14 +168,14 @@ class Part:
         self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
     ) -> Iterator[Rows]:
         """Yield the rows in some row groups of shard `number`, which is open as `file`."""
-        place = (self.place or self.folder) / self.shards[number].path
+        path = self.files[number].path
         if self.spans is None:
-            yield from rows_together(file, groups, place, pictures=pictures)
+            yield from rows_together(file, groups, path, pictures=pictures)
             return
         marks = np.split(self._marks(self.spans, number), group_ends(file)[:-1])
         groups = [group for group in groups if marks[group].any()]
         first, kept = 0, np.concatenate([marks[group] for group in groups])
-        for rows in rows_together(file, groups, place, pictures=pictures):
+        for rows in rows_together(file, groups, path, pictures=pictures):
             end = first + len(rows.actions)
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
@@ -158,15 +202,11 @@ class Part:
     @cached_property
     def _all(self) -> Spans:
         """All labyrinths of the split, from the table of labyrinths."""
-        assert self.query is not None
         return replace(self.query, steps=()).spans
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Check and open a shard; see `rows.opened`."""
-        shard = self.shards[number]
-        if self.place is None or (self.folder / shard.path).is_file():
-            return opened(self.folder, shard)
-        return opened_in_place(self.place / shard.path, shard)
+        return self.files[number].opened()
 
 
 class Source:
@@ -183,7 +223,13 @@ class Source:
         return local_folder(self.source, self.config, self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
-        """Return the folder with the manifest and the files that match; see `locate`."""
+        """Return the folder with the manifest and the files that match names or patterns.
+
+        Files on the Hub are downloaded first; `../README.md` is the dataset card of all configs.
+
+        Raises:
+            DatasetError: The folder does not exist, or the Hub cannot provide it.
+        """
         if self.local is not None:
             return self.local
         self._snapshot = _download(str(self.source), self.config, files, self._commit)
@@ -194,6 +240,21 @@ class Source:
         """The manifest, which is read once."""
         return Manifest.read(self._snapshot or self.locate([]))
 
+    def files(self, split: str | None = None) -> list[ShardFile]:
+        """Return the shards of a split, or of all, in order; on the Hub they are downloaded."""
+        shards = self.manifest.shards if split is None else self.manifest.of(split)
+        folder = self.locate([shard.path for shard in shards])
+        return [ShardFile(folder, shard) for shard in shards]
+
+    def table_groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield the row groups of the table of labyrinths; see `manifest.table_groups`."""
+        return table_groups(self.locate([TABLE]), self.manifest, columns)
+
+    def check_table(self) -> None:
+        """Raise DatasetError if the table of labyrinths is missing or damaged."""
+        with table_file(self.locate([TABLE]), self.manifest):
+            pass  # Opening it checks it.
+
     def pin(self) -> str:
         """Return the commit on the Hub that was read last, from which all else is read, too."""
         assert self._snapshot is not None
@@ -201,8 +262,16 @@ class Source:
         return self._commit
 
     def require_unchanged(self) -> None:
-        """Raise DatasetError if the dataset was replaced since its manifest was read."""
-        require_unchanged(self.source, self.config, self.manifest.fingerprint, self._commit)
+        """Raise DatasetError if the dataset in a folder was replaced since its manifest was read.
+
+        A job that reads several splits calls this after it has opened the last. What is read from
+        the Hub is of one commit, which does not change.
+        """
+        folder = self.local
+        if folder is None or not (folder / MANIFEST).is_file():
+            return
+        if Manifest.read(folder).fingerprint != self.manifest.fingerprint:
+            raise replaced(folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,69 +303,19 @@ class Query:
         Raises:
             ValueError, DatasetError: As for `load.load_episodes`.
         """
-        dataset = self.dataset
+        dataset, remote = self.dataset, None
         folder = dataset.locate([] if self.steps or in_place else [f"{self.split}-*.parquet"])
-        manifest = dataset.manifest
-        part = Part(folder, manifest.of(self.split), config=manifest.config, query=self)
+        shards = dataset.manifest.of(self.split)
+        part = Part(self, [ShardFile(folder, shard) for shard in shards])
         if self.steps:
             if self.spans[1].sum() < len(part):
                 part = replace(part, spans=self.spans)
             if not in_place:
-                held = zip(part.shards, part.counts(), strict=True)
-                part = replace(part, folder=dataset.locate([s.path for s, rows in held if rows]))
+                held = zip(shards, part.counts(), strict=True)
+                folder = dataset.locate([shard.path for shard, rows in held if rows])
         if in_place and dataset.local is None:
-            place = RemotePath(f"hf://datasets/{dataset.source}@{dataset.pin()}/{dataset.config}")
-            part = replace(part, place=place)
-        return part
-
-
-def locate(
-    source: str | Path, config: str, files: Iterable[str], revision: str | None = None
-) -> AnyPath:
-    """Return the folder with a dataset's manifest and the files that match names or patterns.
-
-    Files on the Hub are downloaded first; `../README.md` is the dataset card of all configs.
-
-    Raises:
-        DatasetError: The folder does not exist, or the Hub cannot provide it.
-    """
-    return local_folder(source, config, revision) or _download(str(source), config, files, revision)
-
-
-def derived_from(parents: NDArray[np.int64]) -> Filter:
-    """Return a filter for the labyrinths derived from some of their split's parent, by its ids."""
-    from pyarrow.compute import field
-
-    return field("parent_id").isin([f"{each:016x}" for each in parents.tolist()])
-
-
-def require_unchanged(
-    source: str | Path, config: str, fingerprint: str, revision: str | None = None
-) -> None:
-    """Raise a DatasetError if a dataset no longer has this fingerprint.
-
-    A job that reads several splits or shards calls this after it has opened the last. Of the Hub,
-    the newest commit counts that this machine has met; no request is made.
-    """
-    folder = folder_at(source) / config
-    if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
-        from huggingface_hub import snapshot_download
-
-        from labyrinth_core.data.hub import UNAVAILABLE
-
-        try:
-            found = snapshot_download(
-                str(source),
-                repo_type="dataset",
-                revision=revision,
-                allow_patterns=[f"{config}/{MANIFEST}"],
-                local_files_only=True,
-            )
-        except UNAVAILABLE:
-            return
-        folder = Path(found, config)
-    if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
-        raise replaced(folder)
+            remote = RemotePath(f"hf://datasets/{dataset.source}@{dataset.pin()}/{dataset.config}")
+        return replace(part, files=[ShardFile(folder, shard, remote) for shard in shards])
 
 
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:

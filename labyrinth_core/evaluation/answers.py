@@ -297,6 +297,11 @@ class Player:
     numbered: bool = False
     """Whether `act` takes `episodes`, the numbers of those that go on, and sees only these."""
 
+    def act_in(self, episodes: NDArray[np.int64]) -> Policy:
+        """Return `act` for observations of these episodes alone, which has to be `numbered`."""
+        act: Any = self.act
+        return partial(act, episodes=episodes)
+
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
         """Wrap any policy that `evaluate` accepts.

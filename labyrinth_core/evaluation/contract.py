@@ -46,9 +46,11 @@ def check_policy(
         AssertionError: A promise is broken; the message says which, and the cause how.
         ValueError: An argument other than the policy has a value that is not allowed.
     """
-    rng, shown = np.random.default_rng(0), {"observation": observation, "image_size": image_size}
+    rng = np.random.default_rng(0)
     with _promised("A policy can be shown labyrinths of the size and task that it is used for."):
-        fit, spec = fitted(policy, height, width, Task(task), **shown)
+        fit, spec = fitted(
+            policy, height, width, Task(task), observation=observation, image_size=image_size
+        )
     with _promised("A policy is a function, a PyTorch module, or has reset and act, or predict."):
         player = Player.of(fit, seed=0)
     labyrinths = {sample_labyrinth(height, width, Task(task), rng) for _ in range(4 * LABYRINTHS)}
@@ -99,7 +101,7 @@ def _check_episodes(
     player.reset(len(labyrinths))
     seen = arrays.observations[arrays.initial]
     if player.numbered:
-        player.act(seen, episodes=np.arange(len(labyrinths)))  # type: ignore[call-arg]
+        player.act_in(np.arange(len(labyrinths)))(seen)
     else:
         _check_unchanged(player, seen)
     if player.remembered is not None:

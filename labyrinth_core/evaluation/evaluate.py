@@ -20,7 +20,7 @@ from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in, of_the_learnt
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
@@ -145,9 +145,7 @@ class Evaluation:
         learnt = run.train_labyrinths if run is not None and known else None
         kind = observation or self.spec.observation
         shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
-        some = of_the_learnt(data.source, data.config, split, learnt, data.revision)
-        part = data[split].filter(some.get("where"), labyrinths=some.get("labyrinths"))
-        return arrays_in(part, shown)
+        return arrays_in(data.of_first(split, learnt), shown)
 
     def results(
         self,
@@ -217,7 +215,7 @@ class Evaluation:
         else:
             found = Scores.of(step_through(self.player, arrays, episodes or 1), arrays)
         del arrays  # Frees the arrays before others are loaded.
-        if task is Task.PARTIAL_OBSERVABILITY:
+        if task.rules.hides:
             beside |= replan(self.load(split, "vector"))
         return replace(found, known_route=known), beside
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -337,6 +336,6 @@ def _begun(player: Player, arrays: LabyrinthArrays, count: int) -> Choose:
     asked(player.reset, count)
     if player.numbered:
         return lambda state, running: decide(
-            partial(player.act, episodes=running), arrays.observations[state[running]]
+            player.act_in(running), arrays.observations[state[running]]
         )
     return lambda state, running: decide(player.act, arrays.observations[state], running)

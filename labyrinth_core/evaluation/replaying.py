@@ -71,7 +71,7 @@ def _near_tie(shown: Evaluation, split: str, labyrinth: int) -> str:
     gap = np.inf
     while state not in visited and not arrays.terminal[state]:
         visited.append(state)
-        scores: NDArray[Any] = np.asarray(shown.player.act(arrays.observations[[state]]))
+        scores: NDArray[Any] = np.asarray(shown.player.act(arrays.observations[np.array([state])]))
         if scores.shape != (1, 4):
             return ""  # It answers with actions.
         second, first = np.sort(scores[0].astype(np.float64))[-2:]

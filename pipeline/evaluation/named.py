@@ -21,12 +21,11 @@ from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.opening import PolicyNameError
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
-from pipeline.config.options import source_of
 from pipeline.config.stage import Job
 from pipeline.config.training import training_folder
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
 from pipeline.machinery.artifact import Key, Sums
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -73,8 +72,7 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
 
 def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
-    manifest_of(job)  # Its error says how to make a dataset that is missing.
-    data = Dataset(source_of(job), job.dataset.name, options.revision)
+    data = dataset_of(job)  # Its error says how to make a dataset that is missing.
     policy = opened(options.policy)
     described = replace(options.evaluation, gifs=0) != EvaluationOptions()
     if getattr(policy, "run", None) is not None and not described:
@@ -111,17 +109,15 @@ def _of_options(job: Job[EvaluateOptions]) -> Named:
     """Return the policy of the run that the options describe, on its dataset or `evaluate_on`."""
     from pipeline.evaluation.trained import require_run  # It imports torch.
 
-    folder, own, options = training_folder(job), source_of(job), job.options
+    folder, options, trained_on = training_folder(job), job.options, partial(dataset_of, job)
     fingerprint = require_run(job, folder)
-    trained_on = partial(Dataset, own, job.dataset.name, options.revision)
     if options.evaluate_on:
         source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
         return _of_run(job, folder, Dataset(source, name), trained_on)
-    manifest_of(job, options.train_labyrinths)
-    data = trained_on()
+    data = dataset_of(job, options.train_labyrinths)
     if data.fingerprint != fingerprint:
         raise DatasetError(
-            f"{folder} was trained on another dataset than {own}: their fingerprints are "
+            f"{folder} was trained on another dataset than {data.source}: their fingerprints are "
             f"{fingerprint:.8} and {data.fingerprint:.8}; policy={folder} evaluates it on that "
             "dataset anyway"
         )

@@ -15,7 +15,7 @@ from typing import Any
 import yaml
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest, table_file
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
@@ -153,8 +153,7 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
         if problems := "; ".join(dataset.certificate.problems()):
             reason = f"{problems}; no card is written for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
-        with table_file(data_dir / dataset.name, dataset.manifest):
-            pass  # Opening it checks that it is not damaged.
+        dataset.data.check_table()
     return datasets
 
 

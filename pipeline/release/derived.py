@@ -27,7 +27,7 @@ from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
@@ -88,7 +88,7 @@ def _origin(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str | Non
         given and local_folder(source_of(job), job.dataset.name, None) is None
     ):
         return published_dataset(job, api)
-    return None, manifest_of(job)
+    return None, dataset_of(job).manifest
 
 
 def _linked(

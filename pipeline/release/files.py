@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.storage import file_sha256
 from pipeline.inspection import front_matter
@@ -44,7 +45,8 @@ def _published(own: Sums, manifests: Sequence[Manifest]) -> list[str]:
     names = [README, HASHES, *filter(own.has, _written_by_card(manifests))]
     for manifest in manifests:
         name = manifest.config.name
-        names += [f"{name}/{ANALYSIS}"] * bool(read_analysis(own.folder / name, manifest))
+        analysis = read_analysis(Dataset.at(own.folder / name, manifest))
+        names += [f"{name}/{ANALYSIS}"] * bool(analysis)
     return [name for name in [*names, *_data(manifests)] if (own.folder / name).is_file()]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from huggingface_hub import EvalResult, HfApi, ModelCardData
 from huggingface_hub.errors import RevisionNotFoundError
 
-from labyrinth_core.data.dataset import locate
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
@@ -78,7 +78,7 @@ def published_dataset(job: Job[PublishStageOptions], api: HfApi | None) -> tuple
         DatasetError: `data_dir` has no dataset to replace it.
     """
     if api is None:
-        return 40 * "0", Manifest.read(job.folder)
+        return 40 * "0", Dataset.at(job.folder).manifest
     repo_id, revision = job.options.dataset_on_hub
     with explained(repo_id):
         try:
@@ -86,7 +86,7 @@ def published_dataset(job: Job[PublishStageOptions], api: HfApi | None) -> tuple
         except RevisionNotFoundError as error:
             told = f"{repo_id} has no revision {revision}: publish the dataset first"
             raise PublishError(told) from error
-        return commit, Manifest.read(locate(repo_id, job.dataset.name, [], commit))
+        return commit, Dataset(repo_id, job.dataset.name, commit).manifest
 
 
 def stage_policy(
@@ -143,10 +143,9 @@ def _results(job: Job[PublishStageOptions], known: KnownDataset) -> tuple[Result
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
     """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
-    config = job.dataset.name
-    if (job.folder / MANIFEST).is_file() and Manifest.read(job.folder) == manifest:
-        return KnownDataset(str(job.data_dir), config, None, manifest)
-    return KnownDataset(job.options.dataset_on_hub[0], config, commit, manifest)
+    if (job.folder / MANIFEST).is_file() and (local := Dataset.at(job.folder)).manifest == manifest:
+        return KnownDataset(local)
+    return KnownDataset(Dataset(job.options.dataset_on_hub[0], job.dataset.name, commit))
 
 
 def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:

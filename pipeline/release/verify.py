@@ -31,7 +31,7 @@ from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress, say
-from pipeline.machinery.ending import end_with_parent
+from pipeline.machinery.workers import end_with_parent
 from pipeline.release.faults import PublishError, repeated
 from pipeline.release.files import files_of
 

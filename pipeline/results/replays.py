@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import Dataset, open_policy
+from labyrinth_core import open_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import TrainedRun
@@ -64,8 +64,7 @@ class Replays:
         say(f"Replaying {path}")
         try:
             _require_same(results, policy)
-            data = Dataset(known.source, known.config, known.revision)
-            require_replay(results, policy, data)
+            require_replay(results, policy, known.data)
         except (ValueError, DatasetError) as error:
             raise DatasetError(f"{path} is refused: {error}") from error
         finally:

@@ -88,8 +88,8 @@ def run(job: Job[ResultsOptions]) -> None:
         say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
     for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
-    for reason, files in replays.skipped.items() if replays is not None else ():
-        say(f"{count(files, 'file')} not replayed: {reason}")
+    for reason, skipped in replays.skipped.items() if replays is not None else ():
+        say(f"{count(skipped, 'file')} not replayed: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
     if refused:
         left_out = f"{count(len(refused), 'file')} not on the leaderboard:"

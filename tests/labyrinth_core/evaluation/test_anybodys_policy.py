@@ -432,7 +432,6 @@ def test_a_dataset_on_the_hub_is_read_at_the_commit_of_its_revision(datasets, mo
     assert later == [
         (*manifest, "3x4/train-*.parquet"),
         (*manifest, "3x4/test-*.parquet"),
-        manifest,  # Offline, to see that it is still the same.
     ]
 
 

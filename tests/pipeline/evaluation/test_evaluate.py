@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from labyrinth_core import PolicyError, evaluate, load_policy
+from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -214,9 +214,10 @@ def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
     small = build(tmp_path / "data", labyrinths=2)
     run = run_of(small.data_dir, tmp_path / "runs")
     identity = train.identify(run, {}, Manifest.read(small.folder).fingerprint)
+    data = Dataset.at(small.folder)
     grow()
     with pytest.raises(DatasetError, match="grew while it was read: run this again"):
-        train._train(run, tmp_path, tmp_path / "checkpoint", identity, 30)
+        train._train(run, data, tmp_path, tmp_path / "checkpoint", identity, 30)
 
 
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
@@ -313,6 +314,5 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
-    manifests = [Manifest.read(small_dataset.folder)]
-    (shown,) = read_results(tmp_path / "runs", small_dataset.data_dir, manifests)
+    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
     assert shown["name"] == "bc-cnn-labyrinths3"
