@@ -83,9 +83,12 @@ class Replays:
             if run.method not in METHODS:
                 return None, "methods in Python are not executed"
             return open_policy(folder), ""
-        if policy is None:
-            return None, "they name no files of a policy"
-        return open_policy(policy.source, revision=policy.commit, code=False), ""
+        if policy is not None:
+            return open_policy(policy.source, revision=policy.commit, code=False), ""
+        name = results.method.name if results.method is not None else ""
+        if "/" in name or Path(name).expanduser().exists():  # The name says which policy it is.
+            return open_policy(name, code=False), ""
+        return None, "they name no files of a policy"
 
     def _skip(self, reason: str) -> None:
         self.skipped[reason] = self.skipped.get(reason, 0) + 1

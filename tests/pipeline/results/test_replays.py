@@ -15,6 +15,7 @@ from policies import lay_out_run
 from submitted import forgetful, results_of
 
 from labyrinth_core import Dataset, evaluate, open_policy
+from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.replaying import require_replay
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
@@ -84,6 +85,7 @@ def rank(make_run, small_dataset, place, tmp_path):
         rows = re.findall(r"^\|[^|]*\| ([^|]+) \|.*\| ([^|]+) \|$", text.split("On all")[0], re.M)
         return dict(rows[2:]), refused
 
+    run.folder = tmp_path / "results"
     return run
 
 
@@ -131,6 +133,19 @@ def test_other_files_than_those_that_are_named_are_refused(kinds, rank):
     settings = {"average": True}
     _, refused = rank(b=replace(kinds["run"], run=replace(kinds["run"].run, settings=settings)))
     assert "it.run.settings is {'average': True}, but {'average': False} in the run" in refused
+
+
+def test_a_file_without_hashes_that_is_named_after_a_policy_is_played_as_that_policy(
+    rank, place, small_dataset
+):
+    lay_out_run(place / "named", MLP)
+    other = replace(results_of(small_dataset.data_dir, "3x3", forgetful(3, 3)), policy=None)
+    content = other.to_text(Description(str(place / "named")))
+    path = rank.folder / "submissions" / "a.json"
+    path.parent.mkdir(parents=True)
+    path.write_text(content, encoding="utf-8")
+    _, refused = rank()
+    assert "when the policy plays it" in refused
 
 
 def test_a_file_cannot_name_code_that_is_executed(kinds, rank, tmp_path, monkeypatch, capsys):
