@@ -203,20 +203,24 @@ def arrays_in(selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
 def as_arrays(
     labyrinths: Sequence[Labyrinth],
     spec: ObservationSpec,
-    routes: Sequence[NDArray[np.int64]] = (),
+    routes: Iterable[Iterable[NDArray[np.int64]]] = (),
 ) -> LabyrinthArrays:
     """Return labyrinths of one size and task as arrays.
 
     States are observed when they are indexed, since a policy sees few of those of large labyrinths.
 
     Args:
-        labyrinths: The labyrinths, no two equal.
-        spec: How their states are observed.
-        routes: The actions of a demonstration in each labyrinth; none for no demonstrations.
+        labyrinths: The labyrinths.
+        spec: How the states are observed.
+        routes: The actions of the episodes of each labyrinth, which begin at its start.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    begun = zip(ids, (state_index(each, initial(each)) for each in labyrinths), strict=True)
-    return _stack(labyrinths, ids, list(zip(begun, routes, strict=False)), spec, hold=False)
+    episodes = [
+        ((number, state_index(labyrinth, initial(labyrinth))), actions)
+        for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
+        for actions in of_one
+    ]
+    return _stack(labyrinths, ids, episodes, spec, hold=False)
 
 
 def _stack(

@@ -111,7 +111,9 @@ def _problem(method: Any, settings: Any, height: int, width: int, task: Task) ->
     encoder = module if module in (PLANNER, MAPPER) else "cnn"
     spec = NetworkSpec(encoder, height, width, str(task))
     size = method.image_size(spec, settings, height, width)
-    arrays = as_arrays(labyrinths, ObservationSpec("image", size, draw=True), routes)
+    arrays = as_arrays(
+        labyrinths, ObservationSpec("image", size, draw=True), [[each] for each in routes]
+    )
 
     def walked() -> Steps:
         uniform = np.full((len(arrays.terminal), 4), 0.25)

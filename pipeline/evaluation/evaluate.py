@@ -40,7 +40,7 @@ def run(job: Job[EvaluateOptions]) -> None:
         PolicyError: The policy raises an error, or returns anything but actions.
     """
     named = find_policy(job)
-    results = _results(job, named)
+    results = results_of(job, named)
     path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
     overwrite = job.options.overwrite
     leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
@@ -55,8 +55,9 @@ def run(job: Job[EvaluateOptions]) -> None:
     say(str(path))
 
 
-def _results(job: Job[EvaluateOptions], named: Named) -> Results:
-    """Play all episodes of a policy, and return its results."""
+def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results:
+    """Play all episodes of a policy, the one of the job if none is given; return its results."""
+    named = named or find_policy(job)
     shown, asked = named.shown, job.options.evaluation
     splits: Sequence[str] | None = asked.splits or None
     if shown.run is not None:

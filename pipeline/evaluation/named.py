@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.config.training import training_folder
-from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
+from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import dataset_of
 
@@ -74,8 +74,7 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
     data = dataset_of(job)  # Its error says how to make a dataset that is missing.
     policy = opened(options.policy)
-    described = replace(options.evaluation, gifs=0) != EvaluationOptions()
-    if getattr(policy, "run", None) is not None and not described:
+    if getattr(policy, "run", None) is not None and not described_by(options.evaluation):
         own = partial(Dataset, policy.run.dataset, policy.run.config, policy.run.revision)
         return _of_run(job, Path(options.policy).expanduser(), data, own)
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name

@@ -103,13 +103,18 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
 def check_unnamed(evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option that only `policy` has is given without it."""
     check_options(evaluation, EvaluationOptions, "evaluation.")
-    for each in fields(evaluation):
-        value = getattr(evaluation, each.name)
+    for name in described_by(evaluation):
         check(
-            value == each.default or each.name == "gifs",
-            f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
+            False,
+            f"evaluation.{name} is for policy=...: a trained run is evaluated under its own "
             "name, on all splits",
         )
+
+
+def described_by(evaluation: EvaluationOptions) -> list[str]:
+    """Return the options given that describe a policy as another one than a trained run."""
+    given = (each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default)
+    return [each.name for each in given if each.name != "gifs"]
 
 
 def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, ...]:  # noqa: ARG001
