@@ -136,6 +136,16 @@ class RunName:
         """The name of the run and of its folder, such as `iupe-resnet18-seed2-paper`."""
         return "-".join([*self._learner, f"seed{self.seed}", *self._others])
 
+    @staticmethod
+    def title_of(method: str) -> str:
+        """Return a method's name in tables: `bc`, or of `module:Class` the name of the class.
+
+        A class called `Method` is named after its module.
+        """
+        module, _, found = method.partition(":")
+        found = found.rpartition(".")[2]
+        return module.rpartition(".")[2] if found in ("", "Method") else found
+
     @property
     def _learner(self) -> list[str]:
         return [self.method] + [self.encoder] * (self.encoder != self.method)
@@ -162,16 +172,6 @@ class TrainedRun(RunName):
     on which the policy is judged."""
     as_tried: Mapping[str, Mapping[str, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
-
-
-def method_title(name: str) -> str:
-    """Return the name of a method in tables: `bc`, or for `module:Class` the name of the class.
-
-    A class called `Method` is named after its module.
-    """
-    module, _, found = name.partition(":")
-    found = found.rpartition(".")[2]
-    return module.rpartition(".")[2] if found in ("", "Method") else found
 
 
 @dataclass(frozen=True, kw_only=True)

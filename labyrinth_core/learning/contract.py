@@ -22,7 +22,7 @@ from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, roll_out
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.spec import MAPPER, PLANNER, NetworkSpec
+from labyrinth_core.policies.spec import OWN, NetworkSpec
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import sample_labyrinth
@@ -108,7 +108,7 @@ def _problem(method: Any, settings: Any, height: int, width: int, task: Task) ->
     labyrinths = sorted(sampled, key=str)[:LABYRINTHS]
     routes = [np.array(shortest_route(each, rng), np.int64) for each in labyrinths]
     module = method.__module__.rpartition(".")[2]
-    encoder = module if module in (PLANNER, MAPPER) else "cnn"
+    encoder = module if module in OWN else "cnn"
     spec = NetworkSpec(encoder, height, width, str(task))
     size = method.image_size(spec, settings, height, width)
     arrays = as_arrays(

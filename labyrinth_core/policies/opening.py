@@ -21,7 +21,7 @@ from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
 from labyrinth_core.policies.load import check_size, load_policy, located
-from labyrinth_core.policies.record import trained_run
+from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
 
 _KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
@@ -74,7 +74,8 @@ is a class or a function without required arguments |
 
     All but the last are data: no code in them is executed. They have an attribute `origin` with the
     SHA-256 of each file, which results name, so that anyone can play the policy again. The network
-    of a run acts as the library's do, even if the run's method is in Python and has its own rules.
+    of a run acts as the library's do; if the run's method is in Python, it may have other rules, so
+    `run` is None.
 
     Args:
         source: The name. On the Hub, `@` and a branch, tag or commit may follow; after a folder or
@@ -102,7 +103,10 @@ is a class or a function without required arguments |
     policy = open_files(files.paths, name)
     policy.origin, policy.run = origin, None
     if RECORD in files.paths:
-        policy.run = trained_run(files.paths[RECORD].parent)
+        folder = files.paths[RECORD].parent
+        record = read_run(folder)
+        if record is not None and ":" not in record["run"]["method"]:
+            policy.run = trained_run(folder)
     return policy
 
 
@@ -123,12 +127,15 @@ def open_files(paths: Mapping[str, Path], named: str) -> Any:
     return GraphPolicy(paths[GRAPH].read_bytes(), named)
 
 
-def files_of(source: str | Path, revision: str | None = None) -> PolicyFiles:
+def files_of(
+    source: str | Path, revision: str | None = None, *, on_hub: bool = False
+) -> PolicyFiles:
     """Return the files of a policy, after downloading them from the Hub if it is there.
 
     Args:
         source: As for `open_policy`, but not `module:name`.
         revision: As for `open_policy`.
+        on_hub: Whether the policy is on the Hub even if a folder has the name.
 
     Raises:
         PolicyNameError, DatasetError: As for `open_policy`.
@@ -139,8 +146,8 @@ def files_of(source: str | Path, revision: str | None = None) -> PolicyFiles:
         name, pinned = str(source), ""
     revision = revision or pinned or None
     place = Path(name).expanduser()
-    if not place.exists():
-        return files_on_hub(name, revision)
+    if on_hub or not place.exists():
+        return _on_hub(name, revision)
     if revision is not None and not _SHA256.fullmatch(revision):
         told = f"{name} is a {'folder' if place.is_dir() else 'file'}, which has no revisions"
         raise PolicyNameError(f"{told}: @ and the SHA-256 of its weights pin it")
@@ -154,16 +161,8 @@ def files_of(source: str | Path, revision: str | None = None) -> PolicyFiles:
     return files
 
 
-def files_on_hub(source: str, revision: str | None) -> PolicyFiles:
-    """Return the files of a policy on the Hub, after downloading them.
-
-    Args:
-        source: The id.
-        revision: Branch, tag or commit; None for main.
-
-    Raises:
-        DatasetError: As for `open_policy`.
-    """
+def _on_hub(source: str, revision: str | None) -> PolicyFiles:
+    """Return the files of a policy on the Hub, after downloading them."""
     if not HUB_ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")

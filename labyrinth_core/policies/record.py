@@ -10,7 +10,7 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256, read_json
-from labyrinth_core.evaluation.description import TrainedRun, method_title
+from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
 from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
 from labyrinth_core.policies.spec import POLICY, RECORD
@@ -80,7 +80,7 @@ def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
     made = record["run"]
     return TrainedRun(
-        method=method_title(made["method"]),
+        method=TrainedRun.title_of(made["method"]),
         **taken(made, (*_CHOSEN, *_LEARNT_FROM)),
         training=taken(record, ("epochs", "seconds", "selected", "computed")),
         evaluated={

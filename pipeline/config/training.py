@@ -12,7 +12,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.description import RunName, method_title
+from labyrinth_core.evaluation.description import RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.method import METHODS, target_of
@@ -100,7 +100,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     @property
     def method_title(self) -> str:
         """The method's name in tables: its class, or its module if the class is `Method`."""
-        return method_title(self.method_name)
+        return RunName.title_of(self.method_name)
 
     @property
     def network(self) -> str:

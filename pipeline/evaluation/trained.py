@@ -8,7 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from labyrinth_core import Dataset, open_policy
+from labyrinth_core import open_policy
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player

@@ -16,7 +16,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
-from labyrinth_core.policies.opening import PolicyNameError, files_of, files_on_hub, open_files
+from labyrinth_core.policies.opening import PolicyNameError, files_of, open_files
 from labyrinth_core.policies.spec import GRAPH
 from labyrinth_core.world.labyrinth import Task
 from pipeline.season.files import private_folder, require_regular
@@ -58,7 +58,7 @@ def fetched(
         if folder is not None:
             found = files_of(folder)
         elif pinned:
-            found = files_on_hub(named.partition("@")[0], pinned["commit"])
+            found = files_of(named.partition("@")[0], pinned["commit"], on_hub=True)
         else:
             found = files_of(named)
     except PolicyNameError as error:
