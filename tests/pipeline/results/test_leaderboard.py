@@ -206,7 +206,8 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
 ):
     page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.split("## Leaderboard\n")[1].split("\n## ")[0]
-    [command] = re.findall(r"```sh\npython run\.py (.*)\n```", section)
+    command, replay = re.findall(r"```sh\npython run\.py (.*)\n```", section)
+    assert replay == f"{command} results.replay=true"
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
     content = content_of(results["planner"], "planner")
     submit(content, "a.json")
