@@ -142,7 +142,7 @@ class Evaluation:
         """
         run, data = self.run, self.data
         known = run is not None and run.fingerprint == data.fingerprint
-        learnt = run.train_labyrinths if run is not None and known else None
+        learnt = run.first_labyrinths if run is not None and known else None
         kind = observation or self.spec.observation
         shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
         return arrays_in(data.of_first(split, learnt), shown)
@@ -237,7 +237,7 @@ class Evaluation:
         if not alike or other.fingerprint != run.fingerprint:
             return None
         shown = ObservationSpec("vector", self.spec.image_size, draw=True)
-        return arrays_in(other["train"].filter(labyrinths=run.train_labyrinths), shown)
+        return arrays_in(other["train"].filter(labyrinths=run.first_labyrinths), shown)
 
 
 _LABYRINTHS = ("height", "width", "task")

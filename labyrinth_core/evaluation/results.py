@@ -20,6 +20,7 @@ from labyrinth_core.evaluation.description import (
     TrainedRun,
 )
 from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
@@ -31,6 +32,7 @@ from labyrinth_core.evaluation.results_form import (
     METHOD,
     ORIGIN,
     RUN,
+    receipt_in,
     refuse,
     rules_of,
     scores_of,
@@ -101,6 +103,8 @@ class Results:
     policy: Origin | None = None
     """The files of the policy if `open_policy` opened it and neither `run` nor `judged` names
     them."""
+    memorised: Receipt | None = None
+    """Whether the policy follows its own train; None if that was not asked."""
 
     def __repr__(self) -> str:
         """Return the figures as tables with a line for each split, and the legend."""
@@ -224,6 +228,7 @@ class Results:
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
         judged, policy = content.get("judged"), content.get("policy")
+        asked = content.get("memorised")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -239,6 +244,7 @@ class Results:
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
             policy=None if policy is None else Origin(**taken(policy, ORIGIN)),
+            memorised=None if asked is None else receipt_in(asked, splits, rules.cells),
         )
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
@@ -260,7 +266,7 @@ class Results:
                 f"its policy learnt from another dataset than {known.place}, on which it is judged"
             )
         for split, scores in self.splits.items():
-            right = known.split(split, None if run is None else run.train_labyrinths)
+            right = known.split(split, None if run is None else run.first_labyrinths)
             refuse(split, right.differences(scores, looks_up=self.way == "look-ups"))
             baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
             refuse(split, right.other_baselines(baselines, blind=run is not None))
@@ -270,6 +276,7 @@ class Results:
         run = {} if self.run is None else {"run": asdict(self.run)}
         judged = {} if self.judged is None else {"judged": asdict(self.judged)}
         policy = {} if self.policy is None else {"policy": asdict(self.policy)}
+        memorised = {} if self.memorised is None else {"memorised": asdict(self.memorised)}
         return {
             "kind": KIND,
             "format": FORMAT,
@@ -284,6 +291,7 @@ class Results:
             **run,
             **judged,
             **policy,
+            **memorised,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }

@@ -11,7 +11,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.evaluation.memorised import Receipt, receipt_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -19,6 +23,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
 from pipeline.evaluation.named import Named, find_policy
 from pipeline.evaluation.options import EvaluateOptions
@@ -41,6 +46,8 @@ def run(job: Job[EvaluateOptions]) -> None:
     """
     named = find_policy(job)
     results = results_of(job, named)
+    if job.options.evaluation.memorised:
+        results = replace(results, memorised=_receipt(job, named.shown, results))
     path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
     overwrite = job.options.overwrite
     leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
@@ -50,9 +57,44 @@ def run(job: Job[EvaluateOptions]) -> None:
         leave(within(path.parent, ATTEMPTS), pictures, overwrite=overwrite)
         say(f"{folder} has {len(pictures)} animated GIFs.")
     say(f"{named.about.name}\n{results.tables()}\n")
+    if results.memorised:
+        say(f"{results.memorised}\n")
     for part in results.legend():
         say_once(part)
     say(str(path))
+
+
+def _receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> Receipt:
+    """Return whether the policy follows the labyrinths of train it has learnt from.
+
+    It is asked in test, or in validation if it is evaluated there alone.
+
+    Raises:
+        ConfigError: The dataset, or its number of labyrinths, allows no answer, or the policy has
+            not learnt from train of this dataset.
+        PolicyError: The policy raises an error, or returns anything but actions.
+    """
+    asked, run = job.options.evaluation, shown.run
+    given = f"evaluation.memorised={asked.memorised}"
+    if run is not None:
+        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != FRESH
+        check(own, f"{given}: {run.name} has not learnt from train of {shown.data.source}")
+    split = "test" if "test" in results.splits else "validation"
+    learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
+    try:
+        return receipt_of(
+            shown.player,
+            shown.load(split),
+            shown.data,
+            split=split,
+            controls=asked.memorised or 0,
+            train_labyrinths=learnt,
+            episodes=asked.episodes,
+        )
+    except (DatasetError, PolicyError):
+        raise
+    except ValueError as error:
+        raise ConfigError(f"{given}: {error}") from error
 
 
 def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results:

@@ -114,7 +114,7 @@ def _of_options(job: Job[EvaluateOptions]) -> Named:
     if options.evaluate_on:
         source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
         return _of_run(job, folder, Dataset(source, name), trained_on)
-    data = dataset_of(job, options.train_labyrinths)
+    data = dataset_of(job, options.first_labyrinths)
     if data.fingerprint != fingerprint:
         raise DatasetError(
             f"{folder} was trained on another dataset than {data.source}: their fingerprints are "
