@@ -15,7 +15,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import Receipt, receipt_of
+from labyrinth_core.evaluation.memorised import receipt_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -47,7 +47,7 @@ def run(job: Job[EvaluateOptions]) -> None:
     named = find_policy(job)
     results = results_of(job, named)
     if job.options.evaluation.memorised:
-        results = replace(results, memorised=_receipt(job, named.shown, results))
+        results = _with_receipt(job, named.shown, results)
     path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
     overwrite = job.options.overwrite
     leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
@@ -64,8 +64,8 @@ def run(job: Job[EvaluateOptions]) -> None:
     say(str(path))
 
 
-def _receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> Receipt:
-    """Return whether the policy follows the labyrinths of train it has learnt from.
+def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> Results:
+    """Add to results whether the policy follows the labyrinths of train it has learnt from.
 
     It is asked in test, or in validation if it is evaluated there alone.
 
@@ -82,7 +82,7 @@ def _receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> 
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
-        return receipt_of(
+        receipt = receipt_of(
             shown.player,
             shown.load(split),
             shown.data,
@@ -95,6 +95,7 @@ def _receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> 
         raise
     except ValueError as error:
         raise ConfigError(f"{given}: {error}") from error
+    return replace(results, memorised=receipt)
 
 
 def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results:
