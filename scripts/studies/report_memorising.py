@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from kept_results import RESULTS
-from memorising import REFERENCES, SIX, TWENTY, planned
+from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
 from labyrinth_core.data.storage import read_json
 from pipeline.machinery.markdown import table
@@ -115,13 +115,21 @@ def uniform() -> str:
 def missing() -> str:
     """Say which policies have not been asked."""
     names = {each["name"] for each in kept()}
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, list[Asked]] = {}
     for each in planned():
         if each.name not in names:
-            what, _, number = each.name.rpartition("-")
-            groups.setdefault(what, []).append(number)
-    told = [f"`{what}`: {', '.join(numbers)}" for what, numbers in groups.items()]
-    return "Not run: " + "; ".join(told) + "." if told else "Every planned policy was asked."
+            groups.setdefault(each.name.rpartition("-")[0], []).append(each)
+    if not groups:
+        return "Every planned policy was asked."
+    rows = [
+        [
+            f"`{what}`",
+            ", ".join(each.name.rpartition("-")[2] for each in group),
+            f"{sum(each.hours for each in group):.2f}",
+        ]
+        for what, group in groups.items()
+    ]
+    return table(["not run yet", "which", "hours, about"], rows, "llr")
 
 
 def kept() -> list[Kept]:
