@@ -83,7 +83,8 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     heading = ["method", "by", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
     asked = any(each.memorised for entry in entries for each in entry.results)
     rows = ([*_effort(entry), *[_memorised(entry)] * asked] for entry in entries)
-    yield table([*heading, *[MEMORISED] * asked], rows, "lll" + "r" * len(DETAILS) + "rlrlll")
+    align = "lll" + "r" * len(DETAILS) + "rlrll" + "l" * asked
+    yield table([*heading, *[MEMORISED] * asked], rows, align)
     yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
 
 
