@@ -255,7 +255,7 @@ class Results:
                 f"its policy learnt from another dataset than {known.place}, on which it is judged"
             )
         for split, scores in self.splits.items():
-            right = known.split(split, None if run is None else run.train_labyrinths)
+            right = known.split(split, None if run is None else run.first_labyrinths)
             refuse(split, right.differences(scores, looks_up=self.way == "look-ups"))
             baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
             refuse(split, right.other_baselines(baselines, blind=run is not None))

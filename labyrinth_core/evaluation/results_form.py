@@ -19,6 +19,7 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
     CONTROLS,
+    FRESH,
     MOST_EPISODES,
     MOST_SEED,
     Description,
@@ -139,7 +140,7 @@ RUN = {
     "method": _WORD,
     "encoder": _WORD,
     "protocol": _WORD,
-    "train_labyrinths": Maybe(_COUNTED),
+    "train_labyrinths": Maybe(Number(1, whole=True, or_text=FRESH)),
     "seed": _SEED,
     "settings": Named(_WORD, None),
     "config": _CONFIG,

@@ -84,7 +84,7 @@ def _with_receipt(job: Job[EvaluateOptions], judged: Judged) -> Judged:
             data,
             split=split,
             controls=asked.memorised or 0,
-            train_labyrinths=job.options.train_labyrinths,
+            train_labyrinths=job.options.first_labyrinths,
             episodes=asked.episodes,
         )
     except (DatasetError, PolicyError):

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import CONTROLS, DETAILS, MOST_EPISODES
+from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
 from pipeline.config.option import check_options, option
@@ -98,6 +98,11 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         not (options.evaluate_on and options.evaluation.memorised),
         f"evaluation.memorised={options.evaluation.memorised}: a policy has not learnt from train "
         f"of evaluate_on={options.evaluate_on}, so leave one of them out",
+    )
+    check(
+        not (options.train_labyrinths == FRESH and options.evaluation.memorised),
+        f"evaluation.memorised={options.evaluation.memorised}: train_labyrinths={FRESH} has no "
+        "training set that a policy could remember, so leave one of them out",
     )
     splits = options.evaluation.splits
     check(

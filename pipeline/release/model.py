@@ -242,12 +242,15 @@ def _training(trained: Trained) -> str:
     config, (dataset, _) = trained.manifest.config.name, trained.job.options.dataset_on_hub
     asked = made.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
-    labyrinths = count(held if asked is None else asked, "labyrinth")
-    of = "" if asked is None else f", the first of {held:,}"
+    if isinstance(asked, str):
+        learnt = f"new labyrinths of the bucket of `train`, {held:,} in each epoch"
+    else:
+        learnt = f"{count(held if asked is None else asked, 'labyrinth')} of `train`"
+        learnt += "" if asked is None else f", the first of {held:,}"
     rows = [
         ("dataset", f"`{config}` of `{dataset}`, revision `{trained.revision}`"),
         ("its fingerprint", f"`{made.fingerprint}`"),
-        ("learnt from", f"{labyrinths} of `train`{of}"),
+        ("learnt from", learnt),
         (
             "method",
             f"{verbatim(made.method)}, encoder {verbatim(made.encoder)}, seed {made.seed}",

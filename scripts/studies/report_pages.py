@@ -26,6 +26,7 @@ import report_mapper
 import report_memorising
 import report_paper
 import report_reinforcement
+import report_scaling
 import report_shifts
 from figures import STYLE, save
 from matplotlib.figure import Figure
@@ -76,7 +77,14 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
+    "published": report_benchmarks.published,
     "procgen": report_benchmarks.procgen,
+    "procgen views": report_benchmarks.procgen_views,
+    "scaling": report_scaling.rates,
+    "scaling new ends": report_scaling.new_ends,
+    "laws": report_scaling.laws,
+    "limits": report_scaling.limits,
+    "scaling missing": report_scaling.missing,
 }
 """Name of a table -> the function that makes it."""
 
@@ -89,6 +97,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mapper-sizes": report_mapper.draw_sizes,
     "reinforcement": report_reinforcement.draw,
     "benchmarks": report_benchmarks.draw,
+    "scaling": report_scaling.draw,
 }
 """Name of a figure's file -> the function that draws it."""
 

@@ -166,7 +166,7 @@ def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(resu
 def test_a_labyrinth_that_a_split_holds_twice_is_one_in_the_results(build, tmp_path, read):
     build(tmp_path, labyrinths=32, shifts=["one_wall"])
     known = KnownDataset.read(str(tmp_path), "3x3")
-    held = sum(shard.labyrinths for shard in known.manifest.of("one_wall"))
+    held = sum(shard.labyrinths for shard in known.data.manifest.of("one_wall"))
     content = content_of(results_of(tmp_path, "3x3", forgetful(3, 3), splits=["one_wall"]))
     assert len(read(content, known).splits["one_wall"].distance) == held - 1
 
