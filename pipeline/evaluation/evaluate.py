@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core import Dataset, PolicyError
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.memorised import receipt_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.language.text import labyrinth_id
