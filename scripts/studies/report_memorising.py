@@ -52,7 +52,7 @@ def methods() -> str:
 
 
 def conditions() -> str:
-    """Return the table of BC policies after other numbers of labyrinths and epochs."""
+    """Return the table of BC policies after other numbers of labyrinths and epochs, if any."""
     rows = []
     for each in kept():
         what, _, number = each["name"].partition("-bc-")
@@ -64,6 +64,8 @@ def conditions() -> str:
         }.get(what, "")
         if title:
             rows.append(_row(title, [each]))
+    if len(rows) < 2:
+        return "Not asked yet: see the end of this page."
     return table(["BC", *HEADING[1:]], rows, "l" + "r" * (len(HEADING) - 1))
 
 
