@@ -92,7 +92,9 @@ class Copy:
     agent: int
     """The agent's cell, also in the twin."""
     has_key: bool
+    """Whether the agent has the key, also in the twin."""
     door_open: bool
+    """Whether the door is open, also in the twin."""
     train_labyrinth: str
     """The id of the twin's labyrinth in train."""
     twins: int
