@@ -18,7 +18,7 @@ from making import Run
 from publishing import REPO, changes, environment, error_of, held, publish, published, run_script
 from submitted import of_few
 
-from labyrinth_core import evaluate, load_policy
+from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
@@ -204,6 +204,19 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     other = replace(manifest, shards=[replace(first, fingerprint="0" * 64), *others])
     told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
     assert refused(of_hub(trained), other, staged).startswith(told)
+
+
+def test_a_card_says_whether_the_policy_follows_its_own_train(
+    trained: Run, copied: Run, manifest: Manifest, staged: Path
+) -> None:
+    path = copied.training_folder / "results.json"
+    receipt = memorised(load_policy(copied.training_folder), source_of(trained), "3x3", controls=10)
+    results = replace(Results.load(path), memorised=receipt)
+    results.save(path, name=copied.run_name.name)
+    stage_policy(copied, staged, COMMIT, manifest)
+    card = " ".join((staged / "README.md").read_text(encoding="utf-8").split())
+    assert f"{receipt.excess:+.2f} points more than the consensus of other training sets" in card
+    assert f"p = {receipt.p:.3f} among 10 of them" in card
 
 
 def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
