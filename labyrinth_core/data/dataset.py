@@ -5,12 +5,14 @@ The table of labyrinths is the index: it gives the rows of each labyrinth.
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from posixpath import normpath
 from typing import TYPE_CHECKING, Self
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError, readable
 from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.manifest import (
     MANIFEST,
@@ -174,35 +176,37 @@ class Source:
 
     def __init__(self, source: str | Path, config: str, revision: str | None = None) -> None:
         self.source, self.config, self.revision = source, config, revision
-        self._commit = revision
-        self._snapshot: Path | None = None
 
     @cached_property
     def local(self) -> AnyPath | None:
         """The folder of the dataset, which may be remote; None for an id on the Hub."""
         return local_folder(self.source, self.config, self.revision)
 
+    @cached_property
+    def commit(self) -> str | None:
+        """The commit on the Hub from which everything is read; None for a folder."""
+        if self.local is not None:
+            return None
+        from labyrinth_core.data.hub import commit_of
+
+        with _explained(str(self.source), self.revision):
+            return commit_of(str(self.source), "dataset", self.revision)
+
     def locate(self, files: Iterable[str]) -> AnyPath:
         """Return the folder with the manifest and the files that match; see `locate`."""
-        if self.local is not None:
+        if self.commit is None:
+            assert self.local is not None
             return self.local
-        self._snapshot = _download(str(self.source), self.config, files, self._commit)
-        return self._snapshot
+        return _download(str(self.source), self.config, [*files], self.commit)
 
     @cached_property
     def manifest(self) -> Manifest:
         """The manifest, which is read once."""
-        return Manifest.read(self._snapshot or self.locate([]))
-
-    def pin(self) -> str:
-        """Return the commit on the Hub that was read last, from which all else is read, too."""
-        assert self._snapshot is not None
-        self._commit = self._snapshot.parent.name
-        return self._commit
+        return Manifest.read(self.locate([]))
 
     def require_unchanged(self) -> None:
         """Raise DatasetError if the dataset was replaced since its manifest was read."""
-        require_unchanged(self.source, self.config, self.manifest.fingerprint, self._commit)
+        require_unchanged(self.source, self.config, self.manifest.fingerprint, self.commit)
 
 
 @dataclass(frozen=True, eq=False)
@@ -244,8 +248,8 @@ class Query:
             if not in_place:
                 held = zip(part.shards, part.counts(), strict=True)
                 part = replace(part, folder=dataset.locate([s.path for s, rows in held if rows]))
-        if in_place and dataset.local is None:
-            place = RemotePath(f"hf://datasets/{dataset.source}@{dataset.pin()}/{dataset.config}")
+        if in_place and dataset.commit is not None:
+            place = RemotePath(f"hf://datasets/{dataset.source}@{dataset.commit}/{dataset.config}")
             part = replace(part, place=place)
         return part
 
@@ -260,7 +264,7 @@ def locate(
     Raises:
         DatasetError: The folder does not exist, or the Hub cannot provide it.
     """
-    return local_folder(source, config, revision) or _download(str(source), config, files, revision)
+    return Source(source, config, revision).locate(files)
 
 
 def derived_from(parents: NDArray[np.int64]) -> Filter:
@@ -280,21 +284,12 @@ def require_unchanged(
     """
     folder = folder_at(source) / config
     if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
-        from huggingface_hub import snapshot_download
+        from labyrinth_core.data.hub import known_commit, snapshot_of
 
-        from labyrinth_core.data.hub import UNAVAILABLE
-
-        try:
-            found = snapshot_download(
-                str(source),
-                repo_type="dataset",
-                revision=revision,
-                allow_patterns=[f"{config}/{MANIFEST}"],
-                local_files_only=True,
-            )
-        except UNAVAILABLE:
+        commit = known_commit(str(source), "dataset", revision)
+        if commit is None:
             return
-        folder = Path(found, config)
+        folder = snapshot_of(str(source), "dataset", commit) / config
     if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
         raise replaced(folder)
 
@@ -315,43 +310,70 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
         raise ValueError(f"source={source!r:.60}: {told}") from error
     except ValueError as error:
         raise DatasetError(str(error)) from error
-    if folder.is_dir():
+    with readable(source):
+        is_dir = folder.is_dir()
+    if is_dir:
         if revision is not None:
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        if not _has_episodes(folder / config):
-            if (folder / MANIFEST).is_file():
-                raise DatasetError(
-                    f"{source} is the folder of the config {folder.name}: give the folder that "
-                    f"holds it, {folder.parent}"
-                )
-            raise _no_config(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
+        with readable(source):
+            has_episodes = _has_episodes(folder / config)
+            is_inside = not has_episodes and (folder / MANIFEST).is_file()
+            there = [] if has_episodes else [*map(str, folder.glob(f"*/{MANIFEST}"))]
+        if is_inside:
+            raise DatasetError(
+                f"{source} is the folder of the config {folder.name}: give the folder that "
+                f"holds it, {folder.parent}"
+            )
+        if not has_episodes:
+            raise _no_config(source, config, there)
         return folder / config
     if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
     return None
 
 
-def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
-    from huggingface_hub import HfApi, snapshot_download
+@contextmanager
+def _explained(source: str, revision: str | None) -> Iterator[None]:
+    """Turn the errors of the Hub's client into a DatasetError, one line."""
     from huggingface_hub.errors import RevisionNotFoundError
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
+    from labyrinth_core.data.hub import UNAVAILABLE, reason_of
 
-    prepare_client()
-    patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
     try:
-        snapshot = snapshot_download(
-            source, repo_type="dataset", revision=revision, allow_patterns=patterns
-        )
-        if _has_episodes(Path(snapshot, config)):
-            return Path(snapshot) / config
-        there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
+        yield
+    except DatasetError:
+        raise
     except RevisionNotFoundError as error:
         raise DatasetError(_no_revision(source, revision)) from error
     except UNAVAILABLE as error:
-        raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
-    manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
-    raise _no_config(source, config, manifests)
+        raise DatasetError(f"{why_unavailable(source, error)}: {reason_of(error)}") from error
+
+
+def _download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import download, repeated, require_whole
+
+    def downloaded(names: Iterable[str]) -> Path:
+        paths = [normpath(f"{config}/{name}") for name in names]
+        return download(source, "dataset", commit, paths) / config
+
+    with _explained(source, commit):
+        folder = downloaded([MANIFEST])
+        if not _has_episodes(folder):
+            there = repeated(
+                lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
+            )
+            if f"{config}/{MANIFEST}" in there:
+                raise DatasetError(f"{source}: the Hub lists {config}/{MANIFEST} but has it not")
+            raise _no_config(source, config, (path for path in there if path.count("/") == 1))
+        require_whole(folder / MANIFEST)
+    if files:
+        shards = [shard.path for shard in Manifest.read(folder).shards]
+        named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
+        with _explained(source, commit):
+            downloaded([*chain.from_iterable(named)])
+    return folder
 
 
 def _no_revision(source: str, revision: str | None) -> str:
@@ -383,7 +405,7 @@ def _has_episodes(folder: AnyPath) -> bool:
 
 
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
-    names = (path.split("/")[-2] for path in manifests)
+    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{MANIFEST}"))
     held = sorted(filter(CONFIG_NAME.fullmatch, names))
     none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

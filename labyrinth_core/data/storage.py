@@ -92,7 +92,12 @@ class RemotePath:
         """Call `question` with the file system and the path in it, and return its result."""
         try:
             store = _filesystem(self.url.partition("://")[0])
-            return question(store, store._strip_protocol(self.url))
+            place = store._strip_protocol(self.url)
+            if not self.url.startswith("hf://"):
+                return question(store, place)
+            from labyrinth_core.data.hub import repeated
+
+            return repeated(lambda: question(store, place))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.
@@ -106,7 +111,10 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.exists(path)))
 
     def is_dir(self) -> bool:
-        return bool(self._ask(lambda store, path: store.isdir(path)))
+        try:  # Not by the store's `isdir`, which takes any error for no.
+            return bool(self._ask(lambda store, path: store.info(path))["type"] == "directory")
+        except FileNotFoundError:
+            return False
 
     def is_file(self) -> bool:
         return bool(self._ask(lambda store, path: store.isfile(path)))

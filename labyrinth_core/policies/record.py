@@ -13,6 +13,8 @@ from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
 from labyrinth_core.policies.spec import POLICY, RECORD
 
 FORMAT = 1
+SUMS = "SHA256SUMS"
+"""The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
 _CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
 _LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
@@ -41,8 +43,8 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     path, weights = folder / RECORD, folder / POLICY
     again = "stages=train overwrite=true makes it again"
     try:
-        listed = _listed(folder / "SHA256SUMS", RECORD)
-        if listed and file_sha256(path) not in listed:
+        expected = listed(folder / SUMS, RECORD)
+        if expected and file_sha256(path) not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
         content = read_json(path)
@@ -65,7 +67,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def _listed(sums: Path, name: str) -> list[str]:
+def listed(sums: Path, name: str) -> list[str]:
     """Return the hashes of a file in a list of hashes, which need not exist."""
     try:
         text = sums.read_text(encoding="utf-8", errors="replace")
