@@ -109,7 +109,7 @@ def repeated(call: Callable[[], Result]) -> Result:
         except (*UNAVAILABLE, *MALFORMED) as error:
             wait = seconds_to_wait(error)
             if seconds is None or wait is None:
-                if is_not_of_a_hub(error):
+                if is_not_of_a_hub(error) and not isinstance(error, NotAHubError):
                     raise NotAHubError(
                         f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
                     ) from error
@@ -140,9 +140,11 @@ def seconds_to_wait(error: Exception) -> float | None:
 
 def _cause(error: Exception) -> Exception:
     """Return the error that the client wraps in one that says what else it tried."""
-    wraps = (LocalEntryNotFoundError, ValueError, RuntimeError, OSError)
+    wraps = isinstance(error, (LocalEntryNotFoundError, RuntimeError)) or (
+        isinstance(error, ValueError) and str(error).startswith("Force download failed")
+    )
     cause = error.__cause__
-    if isinstance(error, wraps) and isinstance(cause, UNAVAILABLE) and _is_of_client(error):
+    if wraps and isinstance(cause, UNAVAILABLE) and is_of_client(error):
         return _cause(cause)
     return error
 
@@ -157,14 +159,14 @@ def status_of(error: Exception) -> int | None:
 def is_not_of_a_hub(error: Exception) -> bool:
     """Return whether the client failed because an answer has not the form of a Hub's."""
     cause = _cause(error)
-    if isinstance(cause, (FileMetadataError, JSONDecodeError)):
+    if isinstance(cause, (FileMetadataError, JSONDecodeError, NotAHubError)):
         return True
     told = re.search("malformed|improperly formatted", str(cause), re.IGNORECASE)
     wrong = (LookupError, TypeError, AttributeError) if told is None else MALFORMED
-    return isinstance(cause, wrong) and _is_of_client(cause)
+    return isinstance(cause, wrong) and is_of_client(cause)
 
 
-def _is_of_client(error: BaseException) -> bool:
+def is_of_client(error: BaseException) -> bool:
     """Return whether the Hub's client, or code that it calls, raised an error."""
     frames = traceback.walk_tb(error.__traceback__)
     modules = (str(frame.f_globals.get("__name__", "")) for frame, _ in frames)
@@ -204,7 +206,7 @@ def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
     def asked() -> str:
         commit = HfApi().repo_info(repo_id, repo_type=repo_type, revision=name).sha
         if not COMMIT.fullmatch(commit or ""):
-            raise FileMetadataError(f"{repo_id} has the commit {commit!r:.60}")
+            raise NotAHubError(f"{constants.ENDPOINT} names no commit of {repo_id}")
         return str(commit)
 
     try:

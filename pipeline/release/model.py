@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from huggingface_hub import EvalResult, HfApi, ModelCardData
-from huggingface_hub.errors import RevisionNotFoundError
+from huggingface_hub import EvalResult, ModelCardData
 
-from labyrinth_core.data.dataset import locate
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
@@ -35,9 +34,8 @@ from pipeline.config.stage import Job
 from pipeline.config.training import run_name, training_folder
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
-from pipeline.release.faults import PublishError, explained
+from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
-from pipeline.release.remote import DATASET, Remote
 from pipeline.release.texts import citation, code, fill, paragraph
 
 
@@ -65,28 +63,22 @@ class Trained:
         return self.job.options.dataset_on_hub[1] or self.commit
 
 
-def published_dataset(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str, Manifest]:
+def published_dataset(job: Job[PublishStageOptions], *, is_unseen: bool) -> tuple[str, Manifest]:
     """Return the commit and the manifest of the dataset on the Hub that a run names.
 
     Args:
         job: The options, and the dataset to make.
-        api: The Hub's client; None in a dry run that cannot reach the Hub: the dataset of
-            `data_dir` then replaces the one on the Hub, with a commit of zeros.
+        is_unseen: Whether a dry run cannot reach the Hub: the dataset of `data_dir` then replaces
+            the one on the Hub, with a commit of zeros.
 
     Raises:
-        PublishError: The Hub has no such revision, or refuses.
-        DatasetError: `data_dir` has no dataset to replace it.
+        DatasetError: The Hub has no such revision or refuses, or `data_dir` has no dataset.
     """
-    if api is None:
+    if is_unseen:
         return 40 * "0", Manifest.read(job.folder)
     repo_id, revision = job.options.dataset_on_hub
-    with explained(repo_id):
-        try:
-            commit = Remote(api, repo_id, DATASET).commit(revision or "main")
-        except RevisionNotFoundError as error:
-            told = f"{repo_id} has no revision {revision}: publish the dataset first"
-            raise PublishError(told) from error
-        return commit, Manifest.read(locate(repo_id, job.dataset.name, [], commit))
+    found = Dataset(repo_id, job.dataset.name, revision)
+    return str(found.commit), found.manifest
 
 
 def stage_policy(
