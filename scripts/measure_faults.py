@@ -1,33 +1,39 @@
-"""Print what becomes of every call of a load if the Hub answers it wrongly, as a table.
+"""Print what becomes of a release and of a load if the Hub answers one of their calls wrongly.
 
-    python scripts/measure_faults.py [CALL [FAULT]]
+    python scripts/measure_faults.py                 # all: some minutes
+    python scripts/measure_faults.py WAY CALL FAULT  # those whose names contain these texts
 
-A Hub on loopback answers each call in turn with each fault, once and always. A cell tells what a
-person gets: `right` for the right rows, else the error; `WRONG` and `TRACEBACK` are defects. A load
-is made with an empty cache, with the files of an older commit in it, and as a stream.
+A Hub on loopback answers each call in turn with each fault, once and always. Each cell tells how
+the release or the load ends: `right`, or with the one line of its error. A load must not give other
+rows. After each release the Hub must hold the old release or the new one, whole, a tag must be on a
+right tree, and the same command must finish without the fault. Cells that break this begin with a
+word in capitals; the script counts them at the end.
 """
 
 from __future__ import annotations
 
+import copy
+import io
 import os
 import re
-import shutil
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "support"), str(ROOT)]
 
-from hub.faults import UNLIMITED, Faults  # noqa: E402
+from hub.faults import UNLIMITED  # noqa: E402
 from hub.local_hub import SETTINGS, LocalHub  # noqa: E402
 from hub.state import TOKENS  # noqa: E402
 
-REPO, MODEL, CONFIG = "user/labyrinth", "user/planner", "2x3"
+REPO, CONFIG = "user/labyrinth", "2x3"
+AS_JSON = {"Content-Type": "application/json"}
 HTML = b"<html><body>Welcome to Hotel Lorraine. Log in for the Internet.</body></html>"
 
 FAULTS: dict[str, Callable[..., Any]] = {
@@ -49,14 +55,23 @@ FAULTS: dict[str, Callable[..., Any]] = {
     ),
     **{
         text: lambda faults, *call, text=text, **how: faults.answer(
-            *call, status=200, body=text.encode(), headers={"Content-Type": "application/json"}, **how
+            *call,
+            status=200,
+            body=text.encode(),
+            headers=AS_JSON,
+            **how,
         )
         for text in ("{}", "null", "[]")
     },
     "empty": lambda faults, *call, **how: faults.answer(*call, status=200, **how),
     "lost reply": lambda faults, *call, **how: faults.lose_response(*call, **how),
     "stale main": lambda faults, *call, **how: faults.stale(*call, **how),
-    "foreign commit": lambda faults, *call, **how: faults.intrude(*call, **how),
+    "foreign commit before": lambda faults, *call, **how: faults.intrude(*call, **how),
+    "foreign commit after": lambda faults, *call, **how: faults.intrude(*call, after=True, **how),
+    "done, {}": lambda faults, *call, **how: faults.answer(
+        *call, status=200, body=b"{}", after=True, **how
+    ),
+    "done, 500": lambda faults, *call, **how: faults.answer(*call, status=500, after=True, **how),
 }
 """Name -> how the faults of a Hub strike a call."""
 
@@ -74,26 +89,50 @@ def main() -> None:
         }
         with LocalHub(Path(place, "hub")) as hub:
             os.environ["HF_ENDPOINT"] = hub.url
-            Loads(hub, Path(place)).table(*sys.argv[1:])
+            from huggingface_hub import file_download
+
+            file_download._ETAG_RETRY_TIMEOUT = 1
+            time.sleep = lambda _: None  # Before all retries.
+            Table(hub, Path(place)).print(*sys.argv[1:])
 
 
-class Loads:
-    """Loads from a faulty Hub, each with a cache of its own."""
+class Table:
+    """What becomes of loads and releases, each with a cache of its own."""
 
     def __init__(self, hub: LocalHub, place: Path) -> None:
         from making import make
 
-        self.hub, self.place = hub, place
-        for name, seed in (("old", 1), ("new", 0)):
-            make(place / name, CONFIG, labyrinths=3, random_steps=5, seed=seed)
-            if name == "old":
-                hub.create_repo(REPO)
-            for path in sorted((place / name).glob(f"{CONFIG}/*")):
-                hub.commit(REPO, path.relative_to(place / name).as_posix(), path.read_bytes())
-            if name == "old":
-                hub.tag(REPO, "0.9.0")
-        self.saved = hub.repositories["dataset", REPO]
-        time.sleep = lambda _: None
+        from pipeline.release.card import write_card
+        from pipeline.release.texts import Release
+
+        self.hub, self.place, self.ends = hub, place, Counter[str]()
+        for version, (name, seed) in {"0.9.0": ("old", 1), "1.0.0": ("new", 0)}.items():
+            with redirect_stdout(io.StringIO()):
+                make(place / name, CONFIG, labyrinths=3, random_steps=5, seed=seed)
+            write_card(place / name, Release(REPO, version))
+        hub.create_repo(REPO)
+        self.release("old", "0.9.0")
+        self.before = copy.deepcopy(hub.repositories["dataset", REPO])
+        self.blobs = {*hub.blobs.iterdir()}
+        self.release("new", "1.0.0")
+        self.after = copy.deepcopy(hub.repositories["dataset", REPO])
+
+    def release(self, name: str = "new", version: str = "1.0.0") -> str:
+        """Release a dataset, and return how it ends."""
+        from huggingface_hub import HfApi
+
+        from pipeline.release import publish
+        from pipeline.release.faults import explained
+        from pipeline.release.options import PublishOptions
+        from pipeline.release.repository import Repository, listed
+
+        publish.loaded = lambda *_: ""  # Loads are below.
+        options = PublishOptions(repo_id=REPO, version=version)
+        folder = self.place / name
+        with redirect_stdout(io.StringIO()), explained(REPO):
+            repository = Repository(HfApi(), REPO, "dataset")
+            publish.release(options, repository, listed(folder), folder)
+        return "right"
 
     def load(self, way: str) -> Any:
         """Return the values of a load."""
@@ -101,14 +140,9 @@ class Loads:
 
         if way == "stream":
             return [e.actions.tolist() for e in lib.stream_episodes(REPO, CONFIG, image_size=8)]
-        if way == "some":
-            found = lib.load_transitions(REPO, CONFIG, labyrinths=2, image_size=8, cache_dir=False)
-        elif way == "hf://":
-            found = lib.load_transitions(
-                f"hf://datasets/{REPO}", CONFIG, image_size=8, cache_dir=False
-            )
-        else:
-            found = lib.load_transitions(REPO, CONFIG, image_size=8, cache_dir=False)
+        source = f"hf://datasets/{REPO}" if way == "hf://" else REPO
+        how = {"labyrinths": 2} if way == "some" else {}
+        found = lib.load_transitions(source, CONFIG, image_size=8, cache_dir=False, **how)
         return found.observations.tobytes(), found.actions.tolist()
 
     def fresh(self, way: str) -> None:
@@ -117,63 +151,109 @@ class Loads:
         from huggingface_hub.hf_file_system import HfFileSystem
 
         HfFileSystem.clear_instance_cache()
-        cache = Path(tempfile.mkdtemp(dir=self.place))
-        constants.HF_HUB_CACHE = str(cache)
+        constants.HF_HUB_CACHE = tempfile.mkdtemp(dir=self.place)
         self.hub.faults.clear()
-        repository = self.hub.repositories["dataset", REPO]
-        repository.refs["refs/heads/main"] = self.head
+        self.hub.wait_until_quiet()
+        old, new = map(copy.deepcopy, (self.before, self.after))
         if way == "warm":
-            repository.refs["refs/heads/main"] = repository.refs["refs/tags/0.9.0"]
+            self.hub.repositories["dataset", REPO] = old
             self.load(way)
-            repository.refs["refs/heads/main"] = self.head
+        self.hub.repositories["dataset", REPO] = old if way == "release" else new
+        if way == "release":
+            for blob in {*self.hub.blobs.iterdir()} - self.blobs:
+                blob.rename(self.place / blob.name)
+        else:
+            for blob in self.place.glob("?" * 64):
+                blob.rename(self.hub.blobs / blob.name)
 
-    def table(self, only_call: str = "", only_fault: str = "") -> None:
-        """Print all cells, or those whose call and fault contain a text."""
-        self.head = self.hub.refs(REPO)["refs/heads/main"]
-        defects = Counter()
-        for way in ("empty cache", "warm", "some", "stream", "hf://"):
+    def print(self, only_way: str = "", only_call: str = "", only_fault: str = "") -> None:
+        """Print all cells, or those whose way, call and fault contain these texts."""
+        for way in ("release", "empty cache", "warm", "some", "stream", "hf://"):
+            if only_way not in way:
+                continue
             self.fresh(way)
             since = len(self.hub.log)
-            right = self.load(way)
+            right = self.release() if way == "release" else self.load(way)
             asked = self.hub.log.find(since=since)
-            calls = dict.fromkeys((each.method, pattern_of(each.path)) for each in asked)
-            print(f"\n{way}: {len(calls)} calls")
-            for method, path in calls:
-                if only_call not in f"{method} {path}":
-                    continue
+            calls = Counter((each.method, pattern_of(each.path)) for each in asked)
+            print(f"\n## {way}: {len(calls)} kinds of calls\n")
+            print("| call | fault | once | always |\n|---|---|---|---|")
+            for (method, path), count in calls.items():
                 for name, fault in FAULTS.items():
-                    if only_fault not in name:
+                    if only_call not in f"{method} {path}" or only_fault not in name:
                         continue
-                    cells = []
-                    for times in (1, UNLIMITED):
-                        self.fresh(way)
-                        fault(self.hub.faults, method, path, times=times)
-                        cells.append(self.cell(way, right))
-                        self.hub.faults.clear()
-                        self.hub.wait_until_quiet()
-                        if (after := self.cell(way, right)) != "right":
-                            cells[-1] += f"; THEN {after}"
-                    for cell in cells:
-                        defects[re.split("[:;]", cell)[0] if cell.isupper() else "right" if cell == "right" else "error" if cell.startswith("error") else cell[:20]] += 1
-                    print(f"{method:5}{path[-44:]:45}{name:17}{cells[0]:.60} | {cells[1]:.150}")
-        print(defects)
+                    hows = [{"times": 1}, {"times": UNLIMITED}]
+                    if way == "release" and 1 < count < 4:  # Also the last of them.
+                        hows.append({"times": 1, "skip": count - 1})
+                    cells = [self.cell(way, right, fault, method, path, how) for how in hows]
+                    short = path.replace("/api/datasets/user/labyrinth", "").replace(HASH, "*")
+                    print(f"| {method} {short[:-1]} | {name} | {' | '.join(cells)} |", flush=True)
+        print()
+        for end, count in sorted(self.ends.items()):
+            print(f"{count:5} {end}")
 
-    def cell(self, way: str, right: Any) -> str:
-        """Return what becomes of a load."""
+    def cell(
+        self, way: str, right: Any, fault: Callable[..., Any], method: str, path: str, how: Any
+    ) -> str:
+        """Return how a release or a load ends that a fault strikes."""
+        self.fresh(way)
+        fault(self.hub.faults, method, path, **how)
+        end = self.ended(way, right)
+        self.hub.faults.clear()
+        self.hub.wait_until_quiet()
+        problem = self.problem() if way == "release" else ""
+        again = self.ended(way, right)
+        if way == "release" and again.endswith("other data (2x3/manifest.json)"):
+            again = "right"
+        if not problem and again != "right":
+            problem = f"NEVER: {again}"
+        if not problem and way == "release":
+            problem = self.problem(finished=True)
+        end = problem or end
+        self.ends[end.partition(" ")[0] if end.split()[0].isupper() else end[:5]] += 1
+        return end[:160].replace("|", "/")
+
+    def ended(self, way: str, right: Any) -> str:
+        """Return how a release or a load ends."""
         from labyrinth_core import DatasetError
 
         try:
-            return "right" if self.load(way) == right else "WRONG"
+            found = self.release() if way == "release" else self.load(way)
         except DatasetError as error:
             text = str(error)
-            return f"error: {text.partition('Hub: ')[2] or text}" if "\n" not in text else "LINES"
+            told = text.partition("available on the Hub: ")[2] or text
+            return f"error: {told}" if "\n" not in text else f"LINES {text!r}"
         except Exception as error:
             return f"TRACEBACK {type(error).__name__}: {error}".replace("\n", " ")
+        return "right" if found == right else "WRONG rows"
+
+    def problem(self, *, finished: bool = False) -> str:
+        """Return what is wrong with the Hub after a release, or nothing."""
+        repository = self.hub.repositories["dataset", REPO]
+        foreign = "NEWS.md"
+        trees = [self.before.find("main").tree, self.after.find("main").tree]
+        head = {p: e for p, e in repository.find("main").tree.items() if p != foreign}
+        if head not in trees:
+            return "HALF a release is on main"
+        if repository.refs.get("refs/tags/0.9.0") != self.before.refs["refs/tags/0.9.0"]:
+            return "MOVED is the old tag"
+        tag = repository.refs.get("refs/tags/1.0.0")
+        if tag is None:
+            return "UNTAGGED" if finished else ""
+        commit = repository.commits[tag]
+        tagged = {p: e for p, e in commit.tree.items() if p != foreign}
+        if tagged != trees[1]:
+            return "TAGGED is a wrong tree"
+        return "" if commit.title == "Release 1.0.0" else "TAGGED is a stranger's commit"
+
+
+HASH = "[0-9a-f]{40}"
 
 
 def pattern_of(path: str) -> str:
-    """Return a pattern for a path, with any commit."""
-    return re.sub("[0-9a-f]{40}", "[0-9a-f]{40}", path) + "$"
+    """Return a pattern for a path, with any commit or content."""
+    path = re.sub("[0-9a-f]{64}", "[0-9a-f]{64}", path)
+    return re.sub("(?<![0-9a-f])[0-9a-f]{40}(?![0-9a-f])", HASH, path) + "$"
 
 
 if __name__ == "__main__":

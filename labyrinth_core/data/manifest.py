@@ -204,6 +204,8 @@ class Manifest:
                     labyrinths=None if companion else TableFile.from_json(content["labyrinths"]),
                     format=form,
                 )
+                if content.get("fingerprint") != found.fingerprint:
+                    raise ValueError("its fingerprint is not that of its shards")
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
         except OSError as error:

@@ -62,6 +62,8 @@ def _explanation(error: Exception, repo_id: str) -> str:
         resource = os.environ.get("HF_OIDC_RESOURCE", "")
         return f"HF_OIDC_RESOURCE={resource}: the Hub gives this job no token: {one_line(error)}"
     status = hub.status_of(error)
+    if status == 412:  # Not of a commit, which says what happened itself.
+        return hub.reason_of(error)
     if status is not None:
         return reasons(repo_id).get(status, hub.reason_of(error))
     if isinstance(error, hub.NotAHubError):

@@ -248,8 +248,10 @@ class Request(BaseHTTPRequestHandler):
 
     def _intrude(self) -> None:
         """Let another user commit to the repository that is asked about."""
-        _, kinds, owner, name, *_ = unquote(self.raw_path).strip("/").split("/")
-        self.server.hub.commit(f"{owner}/{name}", kind=kinds.removesuffix("s"))
+        for kind, name in self.server.hub.repositories:
+            if name in unquote(self.raw_path):
+                self.server.hub.commit(name, kind=kind)
+                return
 
     def _close(self) -> None:
         """Close the connection before the rest of an answer is sent."""
