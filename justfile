@@ -38,6 +38,10 @@ walk *pages:
 pictures:
     python scripts/draw_pictures.py
 
+# Write down what pictures and rows are now, after a change that is meant to change them
+renew:
+    pytest -n0 --renew -k always tests/labyrinth_core/pictures tests/pipeline/generation
+
 # Write the tables of docs/studies and draw its figures again, from docs/results
 studies:
     python scripts/studies/report_pages.py --figures docs/pictures

@@ -9,7 +9,7 @@ import torch
 from torch import nn
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler
 
-from labyrinth_core import evaluate, load_transitions
+from labyrinth_core import Dataset, evaluate
 from labyrinth_core.evaluation.results import Results
 
 
@@ -32,7 +32,8 @@ class Network(nn.Module):
 def main(folder: str = "data/labyrinth", config: str = "5x5", epochs: int = 100) -> Results:
     """Train on the demonstrations of train, and evaluate on all splits."""
     torch.manual_seed(0)
-    transitions = load_transitions(folder, config, split="train")
+    data = Dataset(folder, config)
+    transitions = data["train"].transitions()
     batches = BatchSampler(RandomSampler(transitions), batch_size=64, drop_last=False)
     loader = DataLoader(transitions, batch_size=None, sampler=batches)
     network = Network()
@@ -43,7 +44,7 @@ def main(folder: str = "data/labyrinth", config: str = "5x5", epochs: int = 100)
             optimizer.zero_grad()
             loss.backward()
             optimizer.step()
-    return evaluate(network, folder, config)
+    return evaluate(network, data)
 
 
 if __name__ == "__main__":

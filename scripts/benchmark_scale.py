@@ -31,10 +31,10 @@ from measuring import machine
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Shard
-from pipeline.config.composed import ALL, resolve
+from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
 from pipeline.generation import build
-from pipeline.generation.shard import ShardJob, leave, left
+from pipeline.generation.shard import ShardJob, Sidecar
 from pipeline.release.figures import INK, LINE, MUTED, Sheet
 
 SHARDS = {5: 21, 25: 8, 100: 8}
@@ -111,13 +111,14 @@ class Copies:
 
     def __call__(self, job: ShardJob) -> Shard:
         path = self.building / "shards" / f"{job.split}-00000-of-00001.parquet"
-        _, made, facts = left(replace(job, path=path, building=self.building))
-        facts = np.resize(facts, QUARTER * len(facts))
-        shard = replace(made, path=job.path.name, labyrinths=len(facts))
+        made = Sidecar.read(replace(job, path=path, building=self.building))
+        facts = np.resize(made.facts, QUARTER * len(made.facts))
+        shard = replace(made.shard, path=job.path.name, labyrinths=len(facts))
         for ids in ("labyrinth_id", "structure_id"):
             facts[ids] = np.random.default_rng(job.first).integers(2**63, size=len(facts))
         os.link(path, str(job.path))
-        return leave(job, shard, facts)
+        Sidecar.of(job, shard, facts).write(job)
+        return shard
 
 
 def measure(size: int, folder: Path) -> Measured:

@@ -19,7 +19,7 @@ from labyrinth_core.world.labyrinth import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import shortest_route
 from labyrinth_core.world.tasks import default_start_and_goal, place
-from pipeline.config.composed import ALL, resolve
+from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.report import report
 

@@ -52,7 +52,7 @@ import joblib  # noqa: F401  Imported before forking, so that each process start
 import PIL.Image  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
-from pipeline.config.composed import ALL, resolve
+from pipeline.command.composed import ALL, resolve
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.config.stages import STAGES

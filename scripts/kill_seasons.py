@@ -27,7 +27,7 @@ from pathlib import Path
 import safetensors.torch  # noqa: F401  Imported before forking, so that each stage starts at once.
 from kill_matrix import clear_memory, finish, hashes, started
 
-from pipeline.config.composed import ALL, resolve
+from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import HASHES
 from pipeline.season.commitment import Place, Season

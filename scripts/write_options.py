@@ -16,7 +16,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from pipeline.config.composed import ALL, DEFAULTS, OPTIONS, SECTIONS
+from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS
 from pipeline.config.dataset import DatasetOptions
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.method import METHODS, target_of

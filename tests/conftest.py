@@ -5,12 +5,14 @@ The library `datasets` reads where its cache lies when it is imported, so that i
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shutil
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
@@ -34,7 +36,14 @@ MISSING = "missing program"
 """The property of a skipped test's report that names a program; pytest-xdist passes it on."""
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    text = "write down what pictures and rows are now, instead of comparing them with tests/data"
+    parser.addoption("--renew", action="store_true", help=text)
+
+
 def pytest_configure(config: pytest.Config) -> None:
+    if config.option.renew and getattr(config.option, "numprocesses", None):
+        raise pytest.UsageError("--renew: give -n0, since all tests write to the same files")
     if config.option.markexpr == "not slow":
         settings.load_profile("fast")
     folder = Path(tempfile.mkdtemp(prefix="labyrinth-tests-"))
@@ -83,6 +92,24 @@ def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
 
 def pytest_unconfigure(config: pytest.Config) -> None:
     shutil.rmtree(config.stash[_private], ignore_errors=True)
+
+
+@pytest.fixture
+def as_always(request: pytest.FixtureRequest) -> Callable[[str, str, Any], None]:
+    """A function that compares a value with the one of a name in a file of tests/data.
+
+    With the option `--renew` it writes the value down.
+    """
+
+    def compared(file: str, name: str, value: Any) -> None:
+        path = Path(__file__).parent / "data" / file
+        known = json.loads(path.read_text("utf-8"))
+        if request.config.option.renew:
+            path.write_text(json.dumps(known | {name: value}, indent=2) + "\n", "utf-8")
+        else:
+            assert value == known.get(name)
+
+    return compared
 
 
 @pytest.fixture(scope="session")

@@ -35,7 +35,7 @@ def of_library(*rooms: str) -> tuple[str, ...]:
 ROOMS = {
     "labyrinth_core.world": (),
     "labyrinth_core.language": of_library("world"),
-    "labyrinth_core.pictures": of_library("world"),
+    "labyrinth_core.pictures": of_library("world", "language"),
     "labyrinth_core.env": of_library("world", "language", "pictures"),
     # A selection of a dataset makes the environment of its labyrinths.
     "labyrinth_core.data": of_library("world", "language", "pictures", "env"),
@@ -59,15 +59,16 @@ ROOMS = {
     "pipeline.certify": WING,
     "pipeline.export": WING,
     "pipeline.season": (*WING, "pipeline.generation"),  # It makes tests of its own, and keeps none.
-    "pipeline": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline.command": ("labyrinth_core", "pipeline.config", "pipeline.machinery"),
+    "pipeline": ("pipeline.command",),
     "run": ("pipeline.__main__",),
 }
 """Room -> what it may import of the project, besides itself. A package's own modules, such as
 `pipeline.__main__`, are under the name of the package."""
 
 HOMES = {
-    "hydra": ("pipeline.command", "pipeline.config"),
-    "omegaconf": ("pipeline.command", "pipeline.config"),
+    "hydra": ("pipeline.command",),
+    "omegaconf": ("pipeline.command",),
     "numpy": ("labyrinth_core", "pipeline"),
     "pyarrow": (
         "labyrinth_core.benchmarks",
@@ -390,8 +391,8 @@ def test_every_package_of_the_project_is_a_room():
         ("labyrinth_core/world/solver", "from labyrinth_core.language import text"),
         ("labyrinth_core/world/solver", "from ... import pipeline"),
         ("labyrinth_core/world/solver", "import scripts.benchmark"),
-        ("pipeline/config/composed", "from pipeline import generation"),
-        ("pipeline/config/composed", "from ..machinery import executor"),
+        ("pipeline/config/option", "from pipeline import generation"),
+        ("pipeline/config/option", "from ..machinery import executor"),
         ("pipeline/release/card", "from pipeline.generation.build import build"),
         ("run", "from pipeline.config import run"),
         # The library's door, and its window.
@@ -471,7 +472,7 @@ def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_netw
 def test_the_options_of_a_command_line_need_few_modules_of_the_library():
     names = [name for name in modules_of(ROOT) if within(name, "labyrinth_core")]
     program = (
-        "import json, sys, pipeline.config.composed\n"
+        "import json, sys, pipeline.command.composed\n"
         "print(json.dumps([name for name in sys.argv[1:] if name in sys.modules]))"
     )
     command = [sys.executable, "-c", program, *names]

@@ -21,7 +21,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.composed import DEFAULTS, OPTIONS
+from pipeline.command.composed import DEFAULTS, OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")

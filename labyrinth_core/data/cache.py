@@ -26,6 +26,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import locked, naming
 
@@ -44,8 +45,9 @@ COLUMNS: dict[str, np.dtype[Any]] = {
     "rewards": np.dtype("<f4"),
     "terminated": np.dtype("?"),
     "labyrinth_ids": np.dtype("<i8"),
+    **{column.name: column.dtype for column in OTHERS},
 }
-"""The fields of `Transitions` except the frames and `optimal` -> their types."""
+"""The fields of `Transitions` except the frames and `optimal`, and its `columns` -> their types."""
 
 FRAMES, SUM = "frames.npy", "sha256"
 _FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)

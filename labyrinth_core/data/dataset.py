@@ -5,40 +5,38 @@ The table of labyrinths is the index: it gives the rows of each labyrinth.
 
 from __future__ import annotations
 
-import fnmatch
 import hashlib
-import re
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
-from itertools import chain
 from pathlib import Path
-from posixpath import normpath
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
-from labyrinth_core.data.errors import DatasetError, readable
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.episodes import WholeEpisodes, grouped
 from labyrinth_core.data.format import GROUP_BYTES
+from labyrinth_core.data.location import download, explained, local_folder
 from labyrinth_core.data.manifest import (
     MANIFEST,
     TABLE,
     Manifest,
     Shard,
     replaced,
+    table_file,
+    table_groups,
 )
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
 from labyrinth_core.data.selection import Spans, Step, ends_of, select
-from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.data.storage import AnyPath, RemotePath
 
 if TYPE_CHECKING:
+    import pyarrow as pa
     from pyarrow.parquet import ParquetFile
-
-HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 
 FULL = GROUP_BYTES // 4
 """A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
@@ -47,21 +45,60 @@ Marks = NDArray[np.int8]
 """Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """A split, or some labyrinths of it."""
+class ShardFile(NamedTuple):
+    """A shard, and where its file is."""
 
     folder: AnyPath
-    shards: Sequence[Shard]
+    """The folder of the dataset, or of what was downloaded of it."""
+    shard: Shard
+    remote: RemotePath | None = None
+    """The folder on the Hub to read the file in, if `folder` lacks it; None if it has the file."""
+
+    @property
+    def path(self) -> AnyPath:
+        """The path of the file."""
+        return (self.remote or self.folder) / self.shard.path
+
+    def opened(self) -> AbstractContextManager[ParquetFile]:
+        """Check and open the file; see `rows.opened`."""
+        if self.remote is None or (self.folder / self.shard.path).is_file():
+            return opened(self.folder, self.shard)
+        return opened_in_place(self.remote / self.shard.path, self.shard)
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield the rows of some row groups after the other.
+
+        Raises:
+            DatasetError: The shard is missing, damaged, or not the one in the manifest.
+        """
+        with self.opened() as file:
+            groups = range(file.num_row_groups)
+            yield from rows_together(file, groups, self.path, pictures=pictures)
+
+    def episodes(self) -> Iterator[WholeEpisodes]:
+        """Yield the episodes without pictures, some at a time; raise DatasetError as `rows`."""
+        return grouped(self.rows(pictures=False))
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The rows that a query requests."""
+
+    query: Query
+    files: Sequence[ShardFile]
     """All shards of the split."""
     spans: Spans | None = None
     """The requested labyrinths; None for all rows."""
-    config: DatasetConfig | None = None
-    """The dataset's config, if known, which `replayed` checks labyrinths against."""
-    place: RemotePath | None = None
-    """Remote folder of the shards that `folder` lacks; None if it has all that are required."""
-    query: Query | None = None
-    """The request for this part; `units` may need it to read the table."""
+
+    @property
+    def shards(self) -> list[Shard]:
+        """All shards of the split."""
+        return [file.shard for file in self.files]
+
+    @property
+    def config(self) -> DatasetConfig:
+        """The dataset's config, which `replayed` checks labyrinths against."""
+        return self.query.dataset.manifest.config
 
     def __len__(self) -> int:
         """Return the number of rows."""
@@ -70,9 +107,9 @@ class Part:
     def counts(self) -> NDArray[np.int64]:
         """Return the number of rows of each shard that belong to this part."""
         if self.spans is None:
-            return np.array([shard.rows for shard in self.shards])
+            return np.array([file.shard.rows for file in self.files])
         firsts, rows = self.spans
-        counts = np.zeros(len(self.shards), np.int64)
+        counts = np.zeros(len(self.files), np.int64)
         np.add.at(counts, np.searchsorted(ends_of(self.shards), firsts, "right"), rows)
         return counts
 
@@ -93,14 +130,15 @@ class Part:
         Call it before memory is taken for the rows that the manifest promises.
         """
         for number in np.flatnonzero(self.counts()).tolist():
-            path, size = self.folder / self.shards[number].path, self.shards[number].bytes
+            folder, shard, _ = self.files[number]
+            path, size = folder / shard.path, shard.bytes
             if isinstance(path, Path) and path.is_file() and path.stat().st_size != size:
                 with self.opened(number):  # It raises the error.
                     pass
 
     def _marks(self, spans: Spans, number: int) -> Marks:
         """Return the marks of the rows of a shard, which has as many as the manifest says."""
-        count = self.shards[number].rows
+        count = self.files[number].shard.rows
         begin = int(ends_of(self.shards)[number]) - count
         own = slice(*np.searchsorted(spans[0], [begin, begin + count]))
         firsts, rows = spans[0][own] - begin, spans[1][own]
@@ -126,14 +164,14 @@ class Part:
         self, file: ParquetFile, number: int, groups: Sequence[int], *, pictures: bool
     ) -> Iterator[Rows]:
         """Yield the rows in some row groups of shard `number`, which is open as `file`."""
-        place = (self.place or self.folder) / self.shards[number].path
+        path = self.files[number].path
         if self.spans is None:
-            yield from rows_together(file, groups, place, pictures=pictures)
+            yield from rows_together(file, groups, path, pictures=pictures)
             return
         marks = np.split(self._marks(self.spans, number), group_ends(file)[:-1])
         groups = [group for group in groups if marks[group].any()]
         first, kept = 0, np.concatenate([marks[group] for group in groups])
-        for rows in rows_together(file, groups, place, pictures=pictures):
+        for rows in rows_together(file, groups, path, pictures=pictures):
             end = first + len(rows.actions)
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
@@ -160,15 +198,11 @@ class Part:
     @cached_property
     def _all(self) -> Spans:
         """All labyrinths of the split, from the table of labyrinths."""
-        assert self.query is not None
         return replace(self.query, steps=()).spans
 
     def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
         """Check and open a shard; see `rows.opened`."""
-        shard = self.shards[number]
-        if self.place is None or (self.folder / shard.path).is_file():
-            return opened(self.folder, shard)
-        return opened_in_place(self.place / shard.path, shard)
+        return self.files[number].opened()
 
 
 class Source:
@@ -189,24 +223,53 @@ class Source:
             return None
         from labyrinth_core.data.hub import commit_of
 
-        with _explained(str(self.source), self.revision):
+        with explained(str(self.source), self.revision):
             return commit_of(str(self.source), "dataset", self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
-        """Return the folder with the manifest and the files that match; see `locate`."""
+        """Return the folder with the manifest and the files that match names or patterns.
+
+        Files on the Hub are downloaded first; `../README.md` is the dataset card of all configs.
+
+        Raises:
+            DatasetError: The folder does not exist, or the Hub cannot provide it.
+        """
         if self.commit is None:
             assert self.local is not None
             return self.local
-        return _download(str(self.source), self.config, [*files], self.commit)
+        return download(str(self.source), self.config, [*files], self.commit)
 
     @cached_property
     def manifest(self) -> Manifest:
         """The manifest, which is read once."""
         return Manifest.read(self.locate([]))
 
+    def files(self, split: str | None = None) -> list[ShardFile]:
+        """Return the shards of a split, or of all, in order; on the Hub they are downloaded."""
+        shards = self.manifest.shards if split is None else self.manifest.of(split)
+        folder = self.locate([shard.path for shard in shards])
+        return [ShardFile(folder, shard) for shard in shards]
+
+    def table_groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield the row groups of the table of labyrinths; see `manifest.table_groups`."""
+        return table_groups(self.locate([TABLE]), self.manifest, columns)
+
+    def check_table(self) -> None:
+        """Raise DatasetError if the table of labyrinths is missing or damaged."""
+        with table_file(self.locate([TABLE]), self.manifest):
+            pass  # Opening it checks it.
+
     def require_unchanged(self) -> None:
-        """Raise DatasetError if the dataset was replaced since its manifest was read."""
-        require_unchanged(self.source, self.config, self.manifest.fingerprint, self.commit)
+        """Raise DatasetError if the dataset in a folder was replaced since its manifest was read.
+
+        A job that reads several splits calls this after it has opened the last. What is read from
+        the Hub is of one commit, which does not change.
+        """
+        folder = self.local
+        if folder is None or not (folder / MANIFEST).is_file():
+            return
+        if Manifest.read(folder).fingerprint != self.manifest.fingerprint:
+            raise replaced(folder)
 
 
 @dataclass(frozen=True, eq=False)
@@ -238,174 +301,16 @@ class Query:
         Raises:
             ValueError, DatasetError: As for `load.load_episodes`.
         """
-        dataset = self.dataset
+        dataset, remote = self.dataset, None
         folder = dataset.locate([] if self.steps or in_place else [f"{self.split}-*.parquet"])
-        manifest = dataset.manifest
-        part = Part(folder, manifest.of(self.split), config=manifest.config, query=self)
+        shards = dataset.manifest.of(self.split)
+        part = Part(self, [ShardFile(folder, shard) for shard in shards])
         if self.steps:
             if self.spans[1].sum() < len(part):
                 part = replace(part, spans=self.spans)
             if not in_place:
-                held = zip(part.shards, part.counts(), strict=True)
-                part = replace(part, folder=dataset.locate([s.path for s, rows in held if rows]))
+                held = zip(shards, part.counts(), strict=True)
+                folder = dataset.locate([shard.path for shard, rows in held if rows])
         if in_place and dataset.commit is not None:
-            place = RemotePath(f"hf://datasets/{dataset.source}@{dataset.commit}/{dataset.config}")
-            part = replace(part, place=place)
-        return part
-
-
-def locate(
-    source: str | Path, config: str, files: Iterable[str], revision: str | None = None
-) -> AnyPath:
-    """Return the folder with a dataset's manifest and the files that match names or patterns.
-
-    Files on the Hub are downloaded first; `../README.md` is the dataset card of all configs.
-
-    Raises:
-        DatasetError: The folder does not exist, or the Hub cannot provide it.
-    """
-    return Source(source, config, revision).locate(files)
-
-
-def derived_from(parents: NDArray[np.int64]) -> Filter:
-    """Return a filter for the labyrinths derived from some of their split's parent, by its ids."""
-    from pyarrow.compute import field
-
-    return field("parent_id").isin([f"{each:016x}" for each in parents.tolist()])
-
-
-def require_unchanged(
-    source: str | Path, config: str, fingerprint: str, revision: str | None = None
-) -> None:
-    """Raise a DatasetError if a dataset no longer has this fingerprint.
-
-    A job that reads several splits or shards calls this after it has opened the last. Of the Hub,
-    the newest commit counts that this machine has met; no request is made.
-    """
-    folder = folder_at(source) / config
-    if not (isinstance(folder, RemotePath) or Path(source).expanduser().is_dir()):
-        from labyrinth_core.data.hub import known_commit, snapshot_of
-
-        commit = known_commit(str(source), "dataset", revision)
-        if commit is None:
-            return
-        folder = snapshot_of(str(source), "dataset", commit) / config
-    if (folder / MANIFEST).is_file() and Manifest.read(folder).fingerprint != fingerprint:
-        raise replaced(folder)
-
-
-def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
-    """Return the folder with a dataset's manifest, or None for an id on the Hub.
-
-    Raises:
-        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
-        DatasetError: The source is neither a folder nor an id, or has no such config.
-    """
-    if not isinstance(config, str):
-        raise ValueError(f"config={config!r}: give a name, such as '5x5'")
-    try:
-        folder = folder_at(source)
-    except TypeError as error:
-        told = "give a folder, or an id such as user/labyrinth"
-        raise ValueError(f"source={source!r:.60}: {told}") from error
-    except ValueError as error:
-        raise DatasetError(str(error)) from error
-    with readable(source):
-        is_dir = folder.is_dir()
-    if is_dir:
-        if revision is not None:
-            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        with readable(source):
-            has_episodes = _has_episodes(folder / config)
-            is_inside = not has_episodes and (folder / MANIFEST).is_file()
-            there = [] if has_episodes else [*map(str, folder.glob(f"*/{MANIFEST}"))]
-        if is_inside:
-            raise DatasetError(
-                f"{source} is the folder of the config {folder.name}: give the folder that "
-                f"holds it, {folder.parent}"
-            )
-        if not has_episodes:
-            raise _no_config(source, config, there)
-        return folder / config
-    if not HUB_ID.fullmatch(str(source)):
-        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
-    return None
-
-
-@contextmanager
-def _explained(source: str, revision: str | None) -> Iterator[None]:
-    """Turn the errors of the Hub's client into a DatasetError, one line."""
-    from huggingface_hub.errors import RevisionNotFoundError
-
-    from labyrinth_core.data.hub import UNAVAILABLE, reason_of
-
-    try:
-        yield
-    except DatasetError:
-        raise
-    except RevisionNotFoundError as error:
-        raise DatasetError(_no_revision(source, revision)) from error
-    except UNAVAILABLE as error:
-        raise DatasetError(f"{why_unavailable(source, error)}: {reason_of(error)}") from error
-
-
-def _download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
-    from huggingface_hub import HfApi
-
-    from labyrinth_core.data.hub import download, repeated, require_whole
-
-    def downloaded(names: Iterable[str]) -> Path:
-        paths = [normpath(f"{config}/{name}") for name in names]
-        return download(source, "dataset", commit, paths) / config
-
-    with _explained(source, commit):
-        folder = downloaded([MANIFEST])
-        if not _has_episodes(folder):
-            there = repeated(
-                lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
-            )
-            if f"{config}/{MANIFEST}" in there:
-                raise DatasetError(f"{source}: the Hub lists {config}/{MANIFEST} but has it not")
-            raise _no_config(source, config, (path for path in there if path.count("/") == 1))
-        require_whole(folder / MANIFEST)
-    if files:
-        shards = [shard.path for shard in Manifest.read(folder).shards]
-        named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
-        with _explained(source, commit):
-            downloaded([*chain.from_iterable(named)])
-    return folder
-
-
-def _no_revision(source: str, revision: str | None) -> str:
-    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
-    from huggingface_hub import HfApi
-
-    from labyrinth_core.data.hub import UNAVAILABLE
-
-    message = f"{source} has no revision {revision}"
-    try:
-        refs = HfApi().list_repo_refs(source, repo_type="dataset")
-    except UNAVAILABLE:
-        return message
-    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
-
-
-def why_unavailable(source: str, error: Exception) -> str:
-    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
-    file = error.filename if isinstance(error, OSError) else None
-    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
-        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
-    if Path(source).is_dir():
-        return f"{source} cannot be read"
-    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
-
-
-def _has_episodes(folder: AnyPath) -> bool:
-    return (folder / MANIFEST).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
-
-
-def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
-    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{MANIFEST}"))
-    held = sorted(filter(CONFIG_NAME.fullmatch, names))
-    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
-    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")
+            remote = RemotePath(f"hf://datasets/{dataset.source}@{dataset.commit}/{dataset.config}")
+        return replace(part, files=[ShardFile(folder, shard, remote) for shard in shards])

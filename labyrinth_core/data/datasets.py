@@ -21,9 +21,11 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset import Filter, Query, Source
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.load import Transition, Transitions, episodes_in, transitions_in
-from labyrinth_core.data.manifest import TABLE, Shard, table_groups
+from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
+from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
+from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.data.stream import Order, Stream, episode_stream, transition_stream
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -73,6 +75,37 @@ class Dataset(Source):
                 raise ValueError(f"{name}={value!r:.60}: leave it out, the Dataset has its own")
         return source
 
+    @classmethod
+    def at(
+        cls,
+        folder: AnyPath,
+        manifest: Manifest | None = None,
+        *,
+        renamed: bool = False,
+        companion: str = "",
+    ) -> Dataset:
+        """Return the dataset in a folder, such as `data/labyrinth/5x5`.
+
+        Args:
+            folder: The folder.
+            manifest: The manifest of the folder, if it has been read.
+            renamed: As for `Manifest.read`.
+            companion: As for `Manifest.read`.
+
+        Raises:
+            DatasetError: The manifest is missing or malformed, or of a dataset of another name.
+        """
+        found = cls.__new__(cls)
+        Source.__init__(found, str(folder.parent), folder.name)
+        found.local = folder
+        found.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
+        return found
+
+    @property
+    def folder(self) -> AnyPath:
+        """The folder of the dataset; for one on the Hub, that of its downloaded files."""
+        return self.locate([])
+
     @property
     def splits(self) -> tuple[str, ...]:
         """The names of the splits."""
@@ -91,12 +124,34 @@ class Dataset(Source):
         """
         import pyarrow as pa
 
-        return pa.concat_tables(table_groups(self.locate([TABLE]), self.manifest))
+        return pa.concat_tables(self.table_groups())
 
     def __getitem__(self, split: str) -> Selection:
         """Return a split; raise DatasetError if the dataset has none of this name."""
         self.manifest.of(split)
         return Selection(self, split)
+
+    def of_first(self, split: str, count: int | None) -> Selection:
+        """Return a split without the labyrinths that come from others than the first of train.
+
+        Splits that are not derived from train are returned whole.
+
+        Args:
+            split: The name of the split.
+            count: The number of labyrinths of train; None for all.
+
+        Raises:
+            ValueError, DatasetError: As for `Selection.filter`.
+        """
+        if count is None or not is_of_train(split):
+            return self[split]
+        if split in BASE_SPLITS:  # One labyrinth for each of train.
+            return self[split].filter(labyrinths=count)
+        from pyarrow.compute import field
+
+        count = len(self["train"].filter(labyrinths=count).spans[0])  # It raises the errors.
+        parents = self.table.filter(field("split") == "train")["labyrinth_id"].slice(0, count)
+        return self[split].filter(field("parent_id").isin(parents.to_pylist()))
 
     def __iter__(self) -> Iterator[str]:
         """Yield the names of the splits."""

@@ -6,8 +6,8 @@ make pictures, vectors and texts, and the arrays of `evaluation`, from them.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from math import fsum
 from typing import Any, NamedTuple
 
@@ -120,11 +120,24 @@ class LoadedEpisode:
     """Rewards received, shape (T,)."""
     terminated: bool
     """Whether the episode ends on the goal or on ice, instead of being cut."""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """The dataset's other columns (`format.OTHERS`) by name, in each of the T + 1 states."""
 
     @property
     def truncated(self) -> bool:
         """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
         return not self.terminated
+
+    def copy(self) -> LoadedEpisode:
+        """Return the episode with arrays of its own."""
+        return LoadedEpisode(
+            self.labyrinth_id,
+            self.info,
+            self.observations.copy(),
+            self.actions.copy(),
+            self.rewards.copy(),
+            self.terminated,
+        )
 
     def __len__(self) -> int:
         """Return the number of transitions."""
@@ -190,16 +203,17 @@ class Episodes:
             yield self.take(slice(begin, end))
 
     def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
-        """Yield the episodes one by one, given each row's observation; all arrays are copies."""
+        """Yield the episodes one by one, given each row's observation; all arrays are views."""
         rows, firsts, lasts = self.whole
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             yield LoadedEpisode(
                 labyrinth_id=int(self.ids[self.which[first]]),
                 info=rows.texts[rows.info[first]],
-                observations=observations[first : last + 1].copy(),
-                actions=rows.actions[first:last].copy(),
-                rewards=rows.rewards[first:last].copy(),
+                observations=observations[first : last + 1],
+                actions=rows.actions[first:last],
+                rewards=rows.rewards[first:last],
                 terminated=bool(self.over[last]),
+                columns={n: each[first : last + 1].copy() for n, each in rows.others.items()},
             )
 
     def optimal(self) -> NDArray[np.bool_]:

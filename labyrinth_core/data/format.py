@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
-from labyrinth_core.world.dynamics import Action
+import numpy as np
+
+from labyrinth_core.world.dynamics import Action, Episode
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -35,11 +38,37 @@ class Column(NamedTuple):
     feature: dict[str, Any]
     """The feature, as the library `datasets` describes it in Parquet files and cards."""
     meaning: str
+    values: Callable[[Episode], list[Any]] | None = None
+    """Returns the values in the T + 1 rows of an episode, for a column of numbers or booleans of
+    the rows: what is written, hashed and checked."""
 
     @classmethod
-    def of(cls, name: str, dtype: str, meaning: str) -> Column:
+    def of(
+        cls,
+        name: str,
+        dtype: str,
+        meaning: str,
+        values: Callable[[Episode], list[Any]] | None = None,
+    ) -> Column:
         """Return a column of plain values, such as `int32` or `string`."""
-        return cls(name, {"dtype": dtype, "_type": "Value"}, meaning)
+        return cls(name, {"dtype": dtype, "_type": "Value"}, meaning, values)
+
+    @property
+    def type(self) -> str:
+        """The name of the type of its values, such as `int32`."""
+        kind: str = self.feature.get("dtype", self.feature["_type"])
+        return kind
+
+    @property
+    def struct(self) -> str:
+        """The format of a value of a column of numbers in the module `struct`."""
+        formats = {"ClassLabel": "q", "int64": "q", "int32": "i", "float32": "f", "bool": "?"}
+        return formats[self.type]
+
+    @property
+    def dtype(self) -> np.dtype[Any]:
+        """The NumPy type of a column of numbers."""
+        return np.dtype(f"<{self.struct}")
 
 
 COLUMNS = (
@@ -48,16 +77,33 @@ COLUMNS = (
         "actions",
         {"names": [action.name.lower() for action in Action], "_type": "ClassLabel"},
         "action taken: 0 up, 1 right, 2 down, 3 left; -1 in the last row of an episode",
+        lambda episode: [*episode.actions.tolist(), NO_ACTION],
     ),
     Column.of(
         "rewards",
         "float32",
         "reward received for the action; 0 in the last row of an episode",
+        lambda episode: [*episode.rewards.tolist(), 0.0],
     ),
-    Column.of("episode_starts", "bool", "whether the row is the first of an episode"),
+    Column.of(
+        "episode_starts",
+        "bool",
+        "whether the row is the first of an episode",
+        lambda episode: [True, *repeat(False, len(episode))],
+    ),
     Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
 )
 """The columns of the rows."""
+
+NUMBERS = tuple(column for column in COLUMNS if column.values)
+"""The columns of numbers and booleans. Writing, fingerprints, checks and loading read this."""
+
+VALUES = tuple(column.values for column in NUMBERS if column.values)
+"""The functions that make them."""
+
+_NAMED = ("actions", "rewards", "episode_starts")
+OTHERS = tuple(column for column in NUMBERS if column.name not in _NAMED)
+"""Those without a field of their own in `LoadedEpisode` and `Transitions`."""
 
 TABLE_COLUMNS = (
     # Text, since numbers of JSON and JavaScript cannot hold sixteen hexadecimal digits.
@@ -103,7 +149,7 @@ def arrow_schema(columns: Sequence[Column] = COLUMNS) -> pa.Schema:
     }
     features = {"info": {"features": {column.name: column.feature for column in columns}}}
     return pa.schema(
-        [(each.name, types[each.feature.get("dtype", each.feature["_type"])]) for each in columns],
+        [(each.name, types[each.type]) for each in columns],
         metadata={"huggingface": json.dumps(features)},
     )
 

@@ -12,8 +12,8 @@ executed.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, overload
 
@@ -32,9 +32,11 @@ from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, RECOLOURED
 
 
 class Transition(NamedTuple):
@@ -75,10 +77,12 @@ class Transitions:
     """The id of each transition's labyrinth, shape (N,); files hold it as `f"{id:016x}"`."""
     optimal: NDArray[np.bool_] | None = None
     """Which of the four actions begin a shortest route, shape (N, 4); None unless requested."""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """The dataset's other columns (`format.OTHERS`) by name, in each transition's state, (N,)."""
 
     def __post_init__(self) -> None:
-        for each in fields(self):
-            array = getattr(self, each.name)
+        own = (getattr(self, each.name) for each in fields(self) if each.name != "columns")
+        for array in (*own, *self.columns.values()):
             if array is not None:
                 array.setflags(write=False)
 
@@ -160,7 +164,15 @@ class Transitions:
 
     def __reduce__(self) -> tuple[object, ...]:
         """Return how to pickle the transitions; whole arrays of a cache become file names."""
-        return _received, tuple(_sent(getattr(self, field.name)) for field in fields(self))
+        sent = {name: _sent(array) for name, array in self.columns.items()}
+        return _received, (sent, *(_sent(getattr(self, each.name)) for each in fields(self)[:-1]))
+
+
+def _transitions(arrays: Columns) -> Transitions:
+    """Return the transitions of a cache's arrays."""
+    own: dict[str, Any] = dict(arrays)
+    own["columns"] = {column.name: own.pop(column.name) for column in OTHERS}
+    return Transitions(**own)
 
 
 def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
@@ -172,11 +184,15 @@ def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
     return str(base.filename) if whole and str(base.filename).endswith(".npy") else array
 
 
-def _received(*sent: Any) -> Transitions:
-    return Transitions(*(_mapped(each) if isinstance(each, str) else each for each in sent))
+def _received(columns: Mapping[str, Any], *sent: Any) -> Transitions:
+    own = {name: _mapped(array) for name, array in columns.items()}
+    return Transitions(*(*map(_mapped, sent), own))
 
 
-def _mapped(path: str) -> NDArray[Any]:
+def _mapped(sent: Any) -> Any:
+    if not isinstance(sent, str):
+        return sent
+    path = sent
     try:
         return mapped(path)
     except (OSError, ValueError) as error:
@@ -256,10 +272,12 @@ def _cached(
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
-        content = part.key(), spec.draw, spec.resize, PICTURES_VERSION
-        name = name_of(part.folder.name, split, size, content)
+        content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
+        if not spec.decodes:
+            content += DEFAULT_STYLE, RECOLOURED
+        name = name_of(part.config.name, split, size, content)
         shape = len(part), size, size, 3
-        return Transitions(**cached(folder / name, shape, _observed(part, spec)))
+        return _transitions(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
         warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
@@ -271,9 +289,8 @@ def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
     # Making pictures part by part and concatenating them would take twice as long.
     pictures = _frames(len(part), spec.image_size) if spec.observation == "image" else None
     frames, columns = zip(*_observed(part, spec, pictures), strict=True)
-    return Transitions(
-        np.concatenate(frames) if pictures is None else pictures, **joined_columns(columns)
-    )
+    shown = np.concatenate(frames) if pictures is None else pictures
+    return _transitions({"frames": shown, **joined_columns(columns)})
 
 
 def _frames(count: int, size: int) -> NDArray[np.uint8]:
@@ -306,6 +323,7 @@ def _observed(
             "rewards": rows.rewards[steps],
             "terminated": episodes.over[steps + 1],
             "labyrinth_ids": episodes.ids[episodes.which[steps]],
+            **{name: values[steps] for name, values in rows.others.items()},
         }
         yield spec.observe(episodes, own), columns
         first = end
@@ -365,12 +383,13 @@ def load_episodes(
 def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]:
     """Yield the episodes that a query requests, in order; see `load_episodes`."""
     part = query.part()
-    return episodes_of(part.rows(pictures=spec.decodes), spec, part.config)
+    rows = part.rows(pictures=spec.decodes)
+    return (episode.copy() for episode in episodes_of(rows, spec, part.config))
 
 
 def episodes_of(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
 ) -> Generator[LoadedEpisode]:
-    """Yield the episodes of rows; see `replayed`."""
+    """Yield the episodes of rows, as views of shared arrays; see `replayed`."""
     for episodes in _parts(rows, spec, config):
         yield from episodes.loaded(spec.observe(episodes))

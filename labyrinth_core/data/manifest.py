@@ -6,7 +6,7 @@ What a file says of itself is compared with what was asked for when it is opened
 taken for it. `Manifest.read` compares the dataset's name with its folder, and the rows of shards
 with their bytes; `table_file` and `rows.opened` compare a file's hash, size and footer with the
 manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that read
-several splits end with `dataset.require_unchanged`.
+several splits end with `Dataset.require_unchanged`.
 """
 
 from __future__ import annotations

@@ -13,16 +13,13 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.language.drawing import describe
-from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
+from labyrinth_core.pictures.observations import KINDS, OBSERVATIONS
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
-from labyrinth_core.pictures.vector import vector_observation, vector_observations
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
-
-OBSERVATIONS = ("image", "vector", "text")
+from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
 
 RESIZES = {
     "area": (None, "area"),
@@ -38,7 +35,7 @@ pictures, so that most walls vanish at 64 x 64. These pictures are always drawn,
 PICTURES_VERSION = 1
 """Version of how pictures are decoded, drawn and resized, part of the frame cache's key.
 
-Increase it with any change of a pixel.
+Increase it with any change of a pixel, except by other colours, which are part of the key.
 """
 
 HELD_BYTES = 2**30
@@ -57,7 +54,7 @@ class ObservationSpec:
 
     observation: str
     """One of `OBSERVATIONS`."""
-    image_size: int
+    image_size: int = DEFAULT_IMAGE_SIZE
     """Pixels on each side of a picture."""
     draw: bool = False
     """Whether pictures are drawn from `info` and `actions`, instead of decoded from `obs`."""
@@ -113,10 +110,10 @@ class ObservationSpec:
 
     @property
     def of_arrays(self) -> bool:
-        """Whether `look_together` makes the observations: not texts and pictures of full size."""
-        return self.observation == "vector" or (
-            self.observation == "image" and self.image_size != PICTURE_SIZE
-        )
+        """Whether `look_together` makes the observations: not, say, pictures of full size."""
+        if self.observation == "image":
+            return self.image_size != PICTURE_SIZE
+        return KINDS[self.observation].of_many is not None
 
     def look_together(
         self,
@@ -133,8 +130,10 @@ class ObservationSpec:
             states: The index of each state, as in `dynamics.state_index`, shape (N,).
             pictures: Output array, shape (N, image_size, image_size, 3); None for a new one.
         """
-        if self.observation == "vector":
-            return vector_observations(labyrinths, which, states)
+        if self.observation != "image":
+            of_many = KINDS[self.observation].of_many
+            assert of_many is not None
+            return of_many(labyrinths, which, states)
         wall_pixels, resize = RESIZES[self.resize]
         size = self.image_size
         return draw_many(
@@ -143,10 +142,8 @@ class ObservationSpec:
 
     def look(self, views: Sequence[tuple[Labyrinth, State]]) -> NDArray[Any]:
         """Return the observations of (labyrinth, state) pairs; pictures are drawn in batches."""
-        if self.observation == "text":
-            return np.array([describe(labyrinth, state) for labyrinth, state in views])
-        if self.observation == "vector":
-            return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
+        if self.observation != "image":
+            return np.array([KINDS[self.observation].of(*view) for view in views])
         wall_pixels, resize = RESIZES[self.resize]
         return draw(views, self.image_size, wall_pixels=wall_pixels, resize=resize)
 
@@ -215,10 +212,10 @@ class Looks:
     def _keeps(self) -> bool:
         """Whether the scenes of all labyrinths are kept once they are drawn."""
         task = self._alike[0].task
-        if self._spec.observation != "image" or task is Task.PARTIAL_OBSERVABILITY:
+        if self._spec.observation != "image" or task.rules.hides:
             return False
         # At most a float64 and a byte for each channel of each pixel.
-        scenes = len(self._labyrinths) * KeptScenes.phases(task)
+        scenes = len(self._labyrinths) * task.rules.phases
         return scenes * 3 * self._spec.image_size**2 * 9 <= KEPT_BYTES
 
     def _kept(self, number: int) -> KeptScenes:
@@ -240,7 +237,7 @@ class Looks:
             return self
         if not self._alike:
             return self[numbers]
-        cells = self._alike[0].ice.shape[1]
+        cells = self._alike[0].ground.shape[1]
         together = max(1, min(self._spec.together, DRAWN_CELLS // cells))
         first = self[numbers[:together]]
         found = np.empty((count, *first.shape[1:]), first.dtype)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
-from labyrinth_core.data.format import GROUP_BYTES, open_encoded
+from labyrinth_core.data.format import GROUP_BYTES, NUMBERS, OTHERS, open_encoded
 from labyrinth_core.data.manifest import Shard, mended, unless_replaced
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 
@@ -34,7 +34,9 @@ MOST_TEXTS = 16 << 20
 ENCODED = ("info", "obs.bytes", "obs.path")
 """The columns that are read dictionary-encoded; see `open_encoded`."""
 
-TYPES = {"actions": int, "rewards": float, "episode_starts": bool, "info": str}
+_KINDS = {"i": int, "f": float, "b": bool}
+
+TYPES = {each.name: _KINDS[each.dtype.kind] for each in NUMBERS} | {"info": str}
 """Column -> type of its values; pictures are left out."""
 
 TOGETHER = 64
@@ -57,12 +59,15 @@ class Rows(NamedTuple):
     """Distinct texts, in the order of their first rows; some may be unused."""
     pngs: NDArray[np.object_] | None
     """The picture of each row, bytes or None, shape (n,); None if no pictures were read."""
+    others: Mapping[str, NDArray[Any]]
+    """The columns of `format.OTHERS` by name, shape (n,) each."""
 
     def take(self, rows: slice | NDArray[Any]) -> Rows:
         """Return some of the rows."""
         pngs = None if self.pngs is None else self.pngs[rows]
         columns = self.actions[rows], self.rewards[rows], self.episode_starts[rows]
-        return Rows(*columns, self.info[rows], self.texts, pngs)
+        others = {name: values[rows] for name, values in self.others.items()}
+        return Rows(*columns, self.info[rows], self.texts, pngs, others)
 
 
 def joined(blocks: Sequence[Rows]) -> Rows:
@@ -84,6 +89,7 @@ def joined(blocks: Sequence[Rows]) -> Rows:
         np.concatenate(info),
         list(texts),
         np.concatenate(pngs) if pngs else None,
+        {each.name: np.concatenate([b.others[each.name] for b in blocks]) for each in OTHERS},
     )
 
 
@@ -275,11 +281,9 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
     import pyarrow.compute as pc
 
     types = pa.types
-    kinds = {
-        "actions": types.is_integer,
-        "rewards": types.is_floating,
-        "episode_starts": types.is_boolean,
-        "info": lambda each: types.is_string(each) or types.is_large_string(each),
+    kinds_of = {int: types.is_integer, float: types.is_floating, bool: types.is_boolean}
+    kinds = {each.name: kinds_of[TYPES[each.name]] for each in NUMBERS} | {
+        "info": lambda each: types.is_string(each) or types.is_large_string(each)
     }
     columns = {}
     for name, of_kind in kinds.items():
@@ -315,6 +319,7 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         np.concatenate([np.zeros(0, np.int64), *numbers]).astype(np.int64),
         texts,
         pngs,
+        {each.name: columns[each.name].to_numpy().astype(each.dtype) for each in OTHERS},
     )
 
 

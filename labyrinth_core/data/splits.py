@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.labyrinth import Look
 
 
 class Refusal(NamedTuple):
@@ -32,12 +32,14 @@ class Split:
     """The split's part of every random key: another number would change published bytes."""
     meaning: str
     bucket: str
-    """The split that its structures' hashes select: train, validation or test."""
+    """The split that its structures' hashes select: train, validation or test. A shift may not have
+    structures of train's bucket that its parent lacks, as other datasets train on them."""
     parent: str | None = None
     """The split it is derived from: at most one labyrinth for each parent, in the same order."""
     new_start: bool = False
     new_goal: bool = False
     new_structure: bool = False
+    """Whether its structures are others, made as `pipeline.generation.labyrinths` says."""
     look: Look = Look.PLAIN
     refusals: tuple[Refusal, ...] = ()
     """The options with which a dataset cannot have this shift."""
@@ -66,9 +68,7 @@ _NOISE = Refusal(
     lambda noise: noise > 0,
     "with demonstrations.noise the demonstrated route may not be shortest",
 )
-_ICE = Refusal(
-    "task", lambda task: task is Task.ICY_FLOOR, "ice only matters where there are loops"
-)
+_NEEDS_LOOPS = Refusal("task", lambda task: bool(task.rules.needs_loops), "{0.rules.needs_loops}")
 _NO_LOOPS = Refusal(
     "open_walls", lambda share: share == 0, "with open_walls=0 train has no loops already"
 )
@@ -133,7 +133,9 @@ SPLITS = {
         refusals=(_FAR_APART, _NOISE),
     ),
     "longer": Split(11, "routes longer than the longest of train, on other structures", "test"),
-    "trees": Split(12, "other structures, without loops", "test", refusals=(_ICE, _NO_LOOPS)),
+    "trees": Split(
+        12, "other structures, without loops", "test", refusals=(_NEEDS_LOOPS, _NO_LOOPS)
+    ),
     "open": Split(
         13,
         "other structures, each with more loops than any of train",

@@ -141,6 +141,17 @@ class RemotePath:
     def iterdir(self) -> Iterator[RemotePath]:
         return self.glob("*")
 
+    def is_symlink(self) -> bool:
+        """Return False: an object store has no links."""
+        return False
+
+    def absolute(self) -> RemotePath:
+        """Return the same path: every URL is absolute."""
+        return self
+
+    def rmdir(self) -> None:
+        """Do nothing: an object store has no empty folders."""
+
     def mkdir(self, *, parents: bool = False, exist_ok: bool = False) -> None:
         """Do nothing: an object store makes a folder with the first file in it."""
 

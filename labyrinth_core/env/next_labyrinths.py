@@ -17,7 +17,6 @@ from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.world.batch import tabulate_many
 from labyrinth_core.world.batch_sampling import WORD, sample_each
-from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.tasks import default_start_and_goal
 
 FEWEST = 128
@@ -47,8 +46,7 @@ class NextLabyrinths:
     @staticmethod
     def pay(count: int, shape: Shape) -> bool:
         """Return whether `count` labyrinths of a shape can be sampled together, and faster."""
-        without_tiles = shape.task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
-        return without_tiles and count >= FEWEST and shape.height * shape.width <= WORD
+        return not shape.task.rules.tiles and count >= FEWEST and shape.height * shape.width <= WORD
 
     def load(
         self,

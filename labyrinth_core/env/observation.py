@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
-from typing import Any, Literal, get_args
+from typing import Any
 
 import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
+from labyrinth_core.pictures.observations import KINDS, PLAYED
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.pictures.vector import GONE, ICE, WALL, tile_count, vector_observation
 from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
-Kind = Literal["image", "vector", "state"]
+Kind = str
+"""One of `observations.PLAYED`."""
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64
 CACHE_BYTES = 16 * 1024 * 1024
@@ -34,7 +35,7 @@ class Observer:
     """
 
     def __init__(self, kind: Kind, image_size: int) -> None:
-        chosen("observation", kind, get_args(Kind))
+        chosen("observation", kind, PLAYED)
         self.kind = kind
         self.image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
         self._together = 1
@@ -52,19 +53,17 @@ class Observer:
         """Return the observation space for labyrinths of a size and task.
 
         - `image`: `Box(0, 255, (image_size, image_size, 3), uint8)`, rows from the top.
-        - `vector`: `Box`, int32, as in `vector.vector_observation`, with bounds for each entry.
+        - `vector`, and the other kinds of `observations.KINDS`: `Box`, with bounds for each entry.
         - `state`: `Discrete(states)`, the index that `dynamics.state_index` gives a state.
         """
         if self.kind == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
         if self.kind == "state":
-            return Discrete(height * width * (3 if task is Task.KEY_AND_DOOR else 1))
-        entries, tiles = (2 * height - 1) * (2 * width - 1), tile_count(task)
-        high = np.full(tiles + entries, ICE if task is Task.ICY_FLOOR else WALL, np.int32)
-        high[:tiles] = entries - 1
-        low = np.zeros_like(high)
-        low[3:tiles] = GONE
-        return Box(low, high, dtype=np.int32)
+            return Discrete(height * width * task.rules.phases)
+        bounds = KINDS[self.kind].bounds
+        assert bounds is not None
+        low, high = bounds(height, width, task)
+        return Box(low, high, dtype=low.dtype.type)
 
     def observe(self, labyrinth: Labyrinth, state: int) -> Observation:
         """Return the observation of the state with the given index."""
@@ -93,4 +92,4 @@ class Observer:
         views = [(labyrinth, state_at(labyrinth, number)) for labyrinth, number in shown]
         if self.kind == "image":
             return draw(views, self.image_size)
-        return np.stack([vector_observation(labyrinth, state) for labyrinth, state in views])
+        return np.stack([KINDS[self.kind].of(labyrinth, state) for labyrinth, state in views])

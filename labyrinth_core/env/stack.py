@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.many import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.pictures.gallery import LOOKS
 from labyrinth_core.pictures.vector import (
     VectorArray,
     initial_vector,
@@ -24,8 +25,6 @@ from labyrinth_core.world.batch import Structures, Tables
 from labyrinth_core.world.dynamics import seen_together
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
 
-LOOKS = tuple(Look)
-
 
 class Stack:
     """Many labyrinths and the state of the agent in each."""
@@ -33,7 +32,7 @@ class Stack:
     def __init__(self, count: int, height: int, width: int, task: Task) -> None:
         """Make room for `count` labyrinths; each place must be loaded before it is used."""
         self._height, self._width, self._task = height, width, task
-        states = height * width * (3 if task is Task.KEY_AND_DOOR else 1)
+        states = height * width * task.rules.phases
         self.labyrinths: list[Labyrinth | None] = [None] * count
         """The labyrinth in each place; None if not loaded, or if `at` has yet to parse its text."""
         self._first = np.arange(count, dtype=np.int64) * states
@@ -151,8 +150,7 @@ class Stack:
     def vectors(self) -> VectorArray:
         """Return `vector.vector_observation` of each agent, a new array, shape (count, length)."""
         vectors: VectorArray = self.initial_vectors.copy()
-        hides = self._task is Task.PARTIAL_OBSERVABILITY
-        visible = self.visible() if hides else None
+        visible = self.visible() if self._task.rules.hides else None
         show_states(vectors, self._height, self._width, self._task, self.states(), visible)
         return vectors
 

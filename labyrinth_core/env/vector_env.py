@@ -20,7 +20,6 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.environment import REWARDS
-from labyrinth_core.env.gallery import Gallery
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     Size,
@@ -36,6 +35,7 @@ from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import Kind, Observer
 from labyrinth_core.env.stack import Stack
 from labyrinth_core.language.drawing import draw_text
+from labyrinth_core.pictures.gallery import Gallery
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch import Tables, tabulate
@@ -345,8 +345,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return self._stack.states()
         if self._observer.kind == "vector":
             return self._stack.vectors()
-        assert self._gallery is not None
-        return self._gallery.pictures(self._stack)
+        if self._gallery is not None:
+            return self._gallery.pictures(self._stack)
+        return self._observer.batch([self._stack.at(place) for place in range(self.num_envs)])
 
     def _infos(self, mask: Mask | None = None) -> Infos:
         """Return the infos of the sub-environments of a mask; the others have empty infos."""

@@ -158,7 +158,7 @@ def judge(
             found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
         scores[split] = replace(found, known_route=known)
         del arrays  # Frees the arrays before those of the next split are loaded.
-        if task is Task.PARTIAL_OBSERVABILITY:
+        if task.rules.hides:
             beside |= replan(load(split, observation="vector"))
         for name, figures in beside.items():
             baselines.setdefault(name, {})[split] = figures

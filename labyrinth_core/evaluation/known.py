@@ -12,13 +12,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import locate
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
-from labyrinth_core.world.labyrinth import Task
 
 _CLOSE = 1e-9
 """Figures of a baseline that differ by no more than this are equal; another processor may sum many
@@ -46,7 +45,7 @@ class KnownSplit:
     def of(cls, place: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
         """Compute the properties of a split that is observed as vectors."""
         known, baselines = memory.figures(arrays, blind=True)
-        if arrays.labyrinths[0].task is Task.PARTIAL_OBSERVABILITY:
+        if arrays.labyrinths[0].task.rules.hides:
             baselines |= replan(arrays)
         acts, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
         return cls(
@@ -106,32 +105,24 @@ class KnownSplit:
 class KnownDataset:
     """A dataset in a folder or on the Hub; each split is read when it is first requested."""
 
-    source: str
-    config: str
-    revision: str | None
-    manifest: Manifest
+    data: Dataset
     _memories: dict[int | None, TrainMemory] = field(default_factory=dict)
     _splits: dict[tuple[str, int | None], KnownSplit] = field(default_factory=dict)
 
     @classmethod
     def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
-        """Return a dataset after reading its manifest only.
-
-        Raises:
-            ValueError: A revision is given for a folder.
-            DatasetError: The dataset does not exist.
-        """
-        return cls(source, config, revision, Manifest.read(locate(source, config, [], revision)))
+        """Return a dataset by its folder or its id on the Hub; see `Dataset`."""
+        return cls(Dataset(source, config, revision))
 
     @property
     def place(self) -> str:
         """The folder, or the id on the Hub, and the config."""
-        return f"{self.source}/{self.config}"
+        return f"{self.data.source}/{self.data.config}"
 
     @property
     def fingerprint(self) -> str:
         """The fingerprint of the dataset's rows."""
-        return self.manifest.fingerprint
+        return self.data.fingerprint
 
     def split(self, name: str, learnt: int | None = None) -> KnownSplit:
         """Return a split's labyrinths, routes and baselines, computed from the dataset.
@@ -145,13 +136,11 @@ class KnownDataset:
             ValueError: The dataset has no such split.
             DatasetError: The rows of the split cannot be read.
         """
-        if all(shard.split != name for shard in self.manifest.shards):
+        if name not in self.data.splits:
             raise ValueError(f"{name}: {self.place} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
-            place = self.source, self.config, split
-            some = of_the_learnt(*place, learnt, self.revision)
-            return load_arrays(*place, observation="vector", revision=self.revision, **some)
+            return arrays_in(self.data.of_first(split, learnt), ObservationSpec("vector"))
 
         if (name, learnt) not in self._splits:
             if learnt not in self._memories:

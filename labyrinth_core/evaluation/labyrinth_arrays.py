@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter, Query, Source, derived_from
+from labyrinth_core.data.dataset import Filter
+from labyrinth_core.data.datasets import Dataset, Selection
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import Looks, ObservationSpec
-from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables, tabulate
@@ -169,15 +169,15 @@ def load_arrays(
         DatasetError: The dataset or split does not exist, or its rows do not form episodes.
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
-    query = Query(Source(source, config, revision), split).filter(where, labyrinths=labyrinths)
-    return arrays_in(query, spec)
+    data = Dataset(source, config, revision)
+    return arrays_in(data[split].filter(where, labyrinths=labyrinths), spec)
 
 
-def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
-    """Return the labyrinths that a query requests as arrays; see `load_arrays`."""
+def arrays_in(selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
+    """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`."""
     held: dict[int, Labyrinth] = {}
     episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = query.part()
+    part = selection.part()
     try:
         for block in replayed(part.rows(pictures=False), part.config):
             ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
@@ -187,34 +187,17 @@ def arrays_in(query: Query, spec: ObservationSpec) -> LabyrinthArrays:
                 place = ids[block.which[first]], int(block.states[first])
                 episodes.append((place, rows.actions[first:last].copy()))
         if not held:
-            raise DatasetError(f"split={query.split} has no episodes")
+            raise DatasetError(f"split={selection.split} has no episodes")
         return _stack(list(held.values()), list(held), episodes, spec, hold=True)
     except MemoryError as error:
         count = sum(each.labyrinths for each in part.shards)
         count = count if part.spans is None else len(part.spans[0])
         needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
         raise DatasetError(
-            f"split={query.split}: the states of {count:,} labyrinths take about "
+            f"split={selection.split}: the states of {count:,} labyrinths take about "
             f"{needed / 1e9:,.1f} GB, and what is seen in them up to 1 GB, more than there is "
             "memory: give fewer labyrinths"
         ) from error
-
-
-def of_the_learnt(
-    source: str | Path, config: str, split: str, learnt: int | None, revision: str | None = None
-) -> dict[str, Any]:
-    """Return the arguments of `load_arrays` for the labyrinths derived from the first of train.
-
-    `learnt` is the number of these, None for all. Splits that are not derived from train
-    (`is_of_train`) are whole in any case. Raises the errors of `load_arrays`.
-    """
-    if learnt is None or not is_of_train(split):
-        return {}
-    if split in BASE_SPLITS:  # One labyrinth for each of train.
-        return {"labyrinths": learnt}
-    options: dict[str, Any] = {"revision": revision, "labyrinths": learnt}
-    train = load_arrays(source, config, "train", observation="vector", **options)
-    return {"where": derived_from(train.labyrinth_ids)}
 
 
 def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:

@@ -15,9 +15,9 @@ from labyrinth_core.data.format import Column
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
 from labyrinth_core.world.dynamics import Action, initial
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
+from labyrinth_core.world.labyrinth import TILES, Labyrinth
 from labyrinth_core.world.solver import moves_and_routes, shortest_routes
 
 QUESTIONS = "questions"
@@ -59,25 +59,7 @@ _DRAWN = (
     "blank between two cells is an open passage, + is the point between four cells."
 )
 _PICTURED = "The picture shows a labyrinth of {size} from above, with lines as walls."
-_RULES = {
-    Task.KEY_AND_DOOR: " The door ({door}) opens to an agent that has been on the key ({key}).",
-    Task.ICY_FLOOR: " Ice ({ice}) must not be entered.",
-}
-_SIGNS = {"agent": "@", "goal": "E", "key": "K", "door": "D", "ice": "I"}
-_PLAIN = {
-    "agent": "the green square",
-    "goal": "the blue cell",
-    "key": "the yellow square",
-    "door": "the brown cell",
-    "ice": "the pale blue cells",
-}
-_RECOLOURED = {
-    "agent": "the orange square",
-    "goal": "the blue cell",
-    "key": "the red square",
-    "door": "the dark green cell",
-    "ice": "the pale green cells",
-}
+_SIGNS = {"agent": "@", "goal": "E"} | {tile.name: tile.letter for tile in TILES}
 
 
 def question_splits(config: DatasetConfig) -> tuple[str, ...]:
@@ -101,7 +83,7 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
     """
     if isinstance(labyrinth, str):
         labyrinth = parse(labyrinth)
-    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+    if labyrinth.task.rules.hides:
         raise ValueError(
             f"task={labyrinth.task}: most of the labyrinth is hidden from the agent, so "
             "no question can be asked; choose another task"
@@ -119,14 +101,13 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
     state, painter = initial(labyrinth), Painter(labyrinth)
     large, drawing = painter.png(state), draw_text(labyrinth, state)
     small = encode(strips_in(painter.array(state, SMALL_PICTURE)), SMALL_PICTURE)
-    colours = _RECOLOURED if labyrinth.look is Look.RECOLOURED else _PLAIN
     return {
         "labyrinth_id": name,
         "image": {"bytes": large, "path": f"{name}-{PICTURE_SIZE}.png"},
         "image_300": {"bytes": small, "path": f"{name}-{SMALL_PICTURE}.png"},
         "text": drawing,
         "prompt": _prompt(labyrinth, _DRAWN, _SIGNS, f"{drawing}\n"),
-        "picture_prompt": _prompt(labyrinth, _PICTURED, colours),
+        "picture_prompt": _prompt(labyrinth, _PICTURED, COLOURS_IN_WORDS[labyrinth.look]),
         "image_url": f"data:image/png;base64,{b64encode(large).decode()}",
         "routes": routes,
         "answer": routes[0],
@@ -139,5 +120,5 @@ def _prompt(labyrinth: Labyrinth, shown: str, names: Mapping[str, str], drawing:
     """Return the text of a question; `names` says how agent, goal and tiles are shown."""
     structure = labyrinth.structure
     size = f"{structure.height} rows and {structure.width} columns of cells"
-    rule = _RULES.get(labyrinth.task, "").format(**names)
+    rule = labyrinth.task.rules.question.format(**names)
     return _PROMPT.format(shown=shown.format(size=size), rule=rule, drawing=drawing, **names)

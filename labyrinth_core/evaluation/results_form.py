@@ -36,6 +36,7 @@ from labyrinth_core.evaluation.schema import (
 )
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.language.source_text import parse_size
+from labyrinth_core.pictures.observations import OBSERVATIONS
 from labyrinth_core.world.labyrinth import Task
 
 KIND = "labyrinth-results"
@@ -73,7 +74,7 @@ INTERVALS = {"sr_interval": "sr", "aer_interval": "aer"}
 version, which resampled."""
 
 EVALUATED = {
-    "observation": Text("image|vector|text"),
+    "observation": Text("|".join(OBSERVATIONS)),
     "image_size": Maybe(_COUNTED),
     "way": Text("look-ups|steps"),
     "episodes": _COUNTED,
@@ -172,7 +173,7 @@ class Rules:
     @property
     def states(self) -> int:
         """The largest number of states of a labyrinth: without the key, with it, and door open."""
-        return self.cells * (3 if self.task is Task.KEY_AND_DOOR else 1)
+        return self.cells * self.task.rules.phases
 
 
 def rules_of(content: Any) -> Rules:
@@ -274,7 +275,10 @@ def _impossible(content: Mapping[str, Any], scores: Scores, rules: Rules) -> Ite
         (moves > limit, f"more moves than the limit of {limit}"),
         (solved & (moves < distance), "a solution of fewer moves than a shortest route"),
         (~ended & (moves != limit), f"a failure before the limit of {limit} moves"),
-        (iced & (rules.task is not Task.ICY_FLOOR), "an end on ice, which this task does not have"),
+        (
+            iced & ("ice" not in rules.task.rules.grounds),
+            "an end on ice, which this task does not have",
+        ),
         (ended & (moves > most) & rules.looks_up, f"more than {most} moves to an end by look-ups"),
         (solved & (detour % 2 == 1) & rules.looks_up, "a detour of an odd number of moves"),
     ]

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import State, neighbours, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Structure
 
 AGENT, HIDDEN, ROUTE = "@", "?", "."
 
@@ -29,7 +29,7 @@ def draw_text(
         place = _place(structure, cell)
         drawing[place] = ROUTE if drawing[place] == " " else drawing[place]
     if state is not None:
-        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        if labyrinth.task.rules.hides:
             _hide(drawing, labyrinth, visible_from(structure, state.agent))
         for tile, gone in ((labyrinth.key, state.has_key), (labyrinth.door, state.door_open)):
             if tile is not None and gone:

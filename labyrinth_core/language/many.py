@@ -45,13 +45,17 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
         (right_of == ord(" ")) | (right_of == ord("|")),
     ]
     task = some[0].task
-    letters = np.frombuffer(b"SEKD" if task is Task.KEY_AND_DOOR else b"SE", np.uint8)
+    own = task.rules.tiles
+    singles = "SE" + "".join(tile.letter for tile in own if not tile.many)
+    letters = np.frombuffer(singles.encode(), np.uint8)
     there = content[:, None] == letters[:, None]
-    ice = (content == ord("I")) & (task is Task.ICY_FLOOR)
+    ground = np.zeros(content.shape, np.uint8)
+    for number, letter in enumerate((tile.letter for tile in own if tile.many), start=1):
+        ground[content == ord(letter)] = number
     as_drawn += [
         there.sum(axis=2) == 1,
-        (content != ord(" ")).sum(axis=1) == len(letters) + ice.sum(axis=1),
-        ice.any(axis=1) == (task is Task.ICY_FLOOR),
+        (content != ord(" ")).sum(axis=1) == len(letters) + (ground > 0).sum(axis=1),
+        ground.any(axis=1) == bool(task.rules.grounds),
     ]
     tiles = there.argmax(axis=2)
     if not all(each.all() for each in as_drawn):
@@ -60,7 +64,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     right = np.zeros_like(up)
     up[:, :-1], right[:, :, :-1] = over == ord(" "), right_of == ord(" ")
     structures = Structures(height, width, *(each.reshape(len(texts), -1) for each in (up, right)))
-    labyrinths = Labyrinths(structures, task, some[0].look, tiles, ice)
+    labyrinths = Labyrinths(structures, task, some[0].look, tiles, ground)
     return labyrinths if labyrinths.keep_the_rules() else None
 
 

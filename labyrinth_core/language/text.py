@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import NamedTuple, NoReturn
+from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, qu
 from labyrinth_core.world.labyrinth import (
     MAX_SIDE,
     MIN_SIDE,
+    TILES,
     Labyrinth,
     LabyrinthError,
     Look,
@@ -30,6 +31,7 @@ from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [
     "SETTINGS",
+    "SETTINGS_OF",
     "LabyrinthSyntaxError",
     "dump",
     "labyrinth_id",
@@ -37,18 +39,26 @@ __all__ = [
     "parse",
 ]
 
-SETTINGS = {
-    "key_and_lock": Task.KEY_AND_DOOR,
-    "icy_floor": Task.ICY_FLOOR,
-    "occlusion": Task.PARTIAL_OBSERVABILITY,
-}
+_ALWAYS_WRITTEN = ("key_and_lock", "icy_floor", "occlusion")
+"""The settings that every text has; others are written where they are switched on."""
+
+_TASK_OF = {task.rules.setting: task for task in Task if task.rules.setting}
+
+SETTINGS = {name: _TASK_OF[name] for name in _ALWAYS_WRITTEN} | _TASK_OF
 """Setting -> the task that it switches on, in the order in which `dump` writes them."""
 
-_SETTINGS_OF = {
-    task: "".join(f"{name}: {switched_on is task}\n" for name, switched_on in SETTINGS.items())
+SETTINGS_OF = {
+    task: "".join(
+        f"{name}: {switched_on is task}\n"
+        for name, switched_on in SETTINGS.items()
+        if switched_on is task or name in _ALWAYS_WRITTEN
+    )
     for task in Task
 }
 """The settings of each task as text."""
+
+_LETTERS = {tile.name: tile.letter for tile in TILES}
+_CELL_LETTERS = ("S", "E", *_LETTERS.values())
 
 _HEADING = "labyrinth"
 """The line that announces the drawing, without its colon."""
@@ -103,8 +113,8 @@ def parse_sketch(text: str, *, file: str | None = None) -> Sketch:
     """
     source, settings, drawing = _read(text, file)
     start, goal = _ends(source, drawing)
-    key, door, ice = _tiles(source, drawing, settings.task)
-    return Sketch(drawing.structure, start, goal, settings.task, key, door, ice, settings.look)
+    tiles = _tiles(source, drawing, settings.task)
+    return Sketch(drawing.structure, start, goal, settings.task, look=settings.look, **tiles)
 
 
 def _read(text: str, file: str | None) -> tuple[Source, _Settings, _Drawing]:
@@ -207,7 +217,8 @@ def _parse_drawing(source: Source) -> _Drawing:
     """
     top = _parse_top(source)
     width = len(top) // 4
-    cell_line = re.compile(rf"\|(?: [ SEKDI] [| ]){{{width - 1}}} [ SEKDI] \|")
+    cell = f" [ {re.escape(''.join(_CELL_LETTERS))}] "
+    cell_line = re.compile(rf"\|(?:{cell}[| ]){{{width - 1}}}{cell}\|")
     wall_line = re.compile(rf"\|(?: [- ] \+){{{width - 1}}} [- ] \|")
     rows: list[int] = []
     tiles: list[str] = []
@@ -270,7 +281,9 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
             source.fail(offset, "in the bottom line of the drawing", f"{length:,} dashes", found)
         source.fail(offset, "the drawing is not complete", begin)
     between = ("| ", "'|' or a blank") if cells else ("+", "'+'")
-    inside = (" SEKDI", "S, E, K, D, I or a blank") if cells else ("- ", "'-' or a blank")
+    inside = ("- ", "'-' or a blank")
+    if cells:
+        inside = "".join([" ", *_CELL_LETTERS]), f"{', '.join(_CELL_LETTERS)} or a blank"
     parts = [
         (range(1), "|", begin),
         (range(length - 1, length), "|", end),
@@ -310,12 +323,14 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
     """Return the labyrinth of a drawing, placing the tiles of its task that are not drawn."""
     structure, task, look = drawing.structure, settings.task, settings.look
     start, goal = _ends(source, drawing)
-    key, door, ice = _tiles(source, drawing, task)
-    lacks = {Task.KEY_AND_DOOR: None in (key, door), Task.ICY_FLOOR: not ice}
-    if not lacks.get(task):
-        return Labyrinth(structure, start, goal, task, key, door, ice, look)
+    tiles = _tiles(source, drawing, task)
+    singles = {name: tiles[name] for name in task.rules.singles}
+    grounds = [tiles[name] for name in task.rules.grounds]
+    if None not in singles.values() and (any(grounds) or not grounds):
+        return Labyrinth(structure, start, goal, task, look=look, **tiles)
     rng = np.random.default_rng(whole("seed", seed, 0))
-    return place(structure, start, goal, task, rng, key=key, door=door, look=look)
+    drawn = {name: cell for name, cell in singles.items() if cell is not None}
+    return place(structure, start, goal, task, rng, look=look, **drawn)
 
 
 def _ends(source: Source, drawing: _Drawing) -> tuple[int, int]:
@@ -328,17 +343,14 @@ def _ends(source: Source, drawing: _Drawing) -> tuple[int, int]:
     )
 
 
-def _tiles(
-    source: Source, drawing: _Drawing, task: Task
-) -> tuple[int | None, int | None, frozenset[int]]:
-    """Return the cells of key, door and ice that are drawn; those of other tasks are ignored."""
-    key = door = None
-    ice: frozenset[int] = frozenset()
-    if task is Task.KEY_AND_DOOR:
-        key, door = _only(source, drawing, "K"), _only(source, drawing, "D")
-    elif task is Task.ICY_FLOOR:
-        ice = frozenset(cell for cell, tile in enumerate(drawing.tiles) if tile == "I")
-    return key, door, ice
+def _tiles(source: Source, drawing: _Drawing, task: Task) -> dict[str, Any]:
+    """Return the cells of the task's tiles as fields of `Labyrinth`; other tiles are ignored."""
+    return {
+        tile.name: frozenset(at for at, drawn in enumerate(drawing.tiles) if drawn == tile.letter)
+        if tile.many
+        else _only(source, drawing, tile.letter)
+        for tile in task.rules.tiles
+    }
 
 
 def _only(source: Source, drawing: _Drawing, tile: str) -> int | None:
@@ -374,12 +386,8 @@ def dump(labyrinth: Labyrinth) -> str:
     beside = digits(structure.right, cells).encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
-    if labyrinth.key is not None:
-        tiles[labyrinth.key] = ord("K")
-    if labyrinth.door is not None:
-        tiles[labyrinth.door] = ord("D")
-    for cell in labyrinth.ice:
-        tiles[cell] = ord("I")
+    for name, cell in labyrinth.tiles():
+        tiles[cell] = ord(_LETTERS[name])
     outer_wall = b"-" * (4 * width + 1) + b"\n"
     wall_line = b"|" + b"   +" * (width - 1) + b"   |\n"
     cell_line = b"|" + b"    " * (width - 1) + b"   |\n"
@@ -395,7 +403,7 @@ def dump(labyrinth: Labyrinth) -> str:
         if row:
             drawing[line - length + 2 : line : 4] = above[first:last]
     look = "" if labyrinth.look is Look.PLAIN else f"{_LOOK}: {labyrinth.look}\n"
-    settings = f"{_SETTINGS_OF[labyrinth.task]}{look}"
+    settings = f"{SETTINGS_OF[labyrinth.task]}{look}"
     return f"{settings}\n{_HEADING}:\n{drawing.decode()}end\n"
 
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, State, replay
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth
 
 NO_LABEL = -1
 
@@ -76,7 +76,7 @@ class ExampleSampler:
             return (labyrinth, state), np.array(_action(episode, agent, step))
         structure = labyrinth.structure
         labels = np.full(structure.cells, NO_LABEL)
-        hidden = labyrinth.task is Task.PARTIAL_OBSERVABILITY
+        hidden = labyrinth.task.rules.hides
         for index in [agent] if hidden else range(first, last, step):
             there = episode.states[index]
             if there[1:] == state[1:]:
@@ -98,7 +98,7 @@ def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
 def _parts(episode: Episode) -> list[tuple[int, int]]:
     """Return the index pairs of the states that can be start and goal of an example."""
     pairs = permutations(range(len(episode) + 1), 2)
-    if episode.labyrinth.door is None:
+    if episode.labyrinth.task.rules.is_reversible:
         cells = [state.agent for state in episode.states]
         bumps = any(cell == after for cell, after in pairwise(cells))  # They cannot be undone.
         return [

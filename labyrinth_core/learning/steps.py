@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -10,8 +9,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from labyrinth_core.data.datasets import Selection
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, walk
 from labyrinth_core.learning.observations import Observations, parts_of
 from labyrinth_core.policies.networks.network import MOMENTUM, double
@@ -49,41 +48,22 @@ class Rollout(NamedTuple):
         return np.stack([self.states, self.actions, self.next_states], axis=2).reshape(-1, 3)
 
 
-def load_steps(
-    source: str | Path,
-    config: str,
-    split: str,
-    arrays: LabyrinthArrays,
-    *,
-    revision: str | None = None,
-    labyrinths: int | None = None,
-) -> Steps:
-    """Return the transitions of all episodes of a split, in order.
+def load_steps(selection: Selection, arrays: LabyrinthArrays) -> Steps:
+    """Return the transitions of all episodes of a split or of a part of it, in order.
 
     Args:
-        source: Folder with the dataset, or its id on the Hub.
-        config: Such as `5x5`.
-        split: `train`, or another split of the labyrinths in `arrays`, such as `random`.
+        selection: `train`, or another split of the labyrinths in `arrays`, such as `random`.
         arrays: The labyrinths, with their states numbered.
-        revision: Branch, tag or commit on the Hub.
-        labyrinths: Load only the first N labyrinths; None for all.
 
     Raises:
         DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
     """
     known = set(arrays.labyrinth_ids.tolist())
     places, routes = [], []
-    for episode in load_episodes(
-        source,
-        config,
-        split=split,
-        observation="vector",
-        revision=revision,
-        labyrinths=labyrinths,
-    ):
+    for episode in selection.iterate_episodes(observation="vector"):
         if episode.labyrinth_id not in known:
             raise DatasetError(
-                f"split={split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
+                f"split={selection.split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
         places.append(first_place(episode))
         routes.append(episode.actions)

@@ -18,11 +18,12 @@ from labyrinth_core.pictures.bands import INSETS, Bands, Sums, bands_of
 from labyrinth_core.pictures.renderer import (
     AGENT_INSET,
     AGENT_WITH_KEY,
+    CODE_OF,
+    CODES,
     DOOR,
     FLOOR,
     GOAL,
     HIDDEN,
-    ICE,
     KEY,
     OPEN_DOOR,
     START,
@@ -40,9 +41,12 @@ Mask = NDArray[np.bool_]
 Corners = tuple[Numbers, Numbers]
 """The first row and the first column of pixels of each window."""
 
-_WALL_CODE = HIDDEN + 1
-_CODE_OF_ENTRY = np.array([FLOOR, _WALL_CODE, ICE], np.uint8)
-"""The code for each entry of a wall grid: `OPEN`, `WALL` and `ICE` of `vector`."""
+_WALL_CODE = CODES
+_CODE_OF_ENTRY = {
+    task: np.array([FLOOR, _WALL_CODE, *map(CODE_OF.__getitem__, task.rules.grounds)], np.uint8)
+    for task in Task
+}
+"""Task -> the code for each entry of a wall grid, see `vector`."""
 
 SUMS_BYTES = 2**20
 """The memory for the sums of scenes drawn together, chosen to fit the processor's cache."""
@@ -75,7 +79,7 @@ def backdrops_of(
     scenes: Scenes, image_size: int, style: Style, resize: str = "area"
 ) -> Iterator[tuple[int, Backdrops]]:
     """Yield the scenes in batches that fit the cache: the index of the first, and the backdrops."""
-    insets = INSETS if scenes.task is Task.KEY_AND_DOOR else ()
+    insets = INSETS if scenes.task.rules.phases > 1 else ()
     bands = bands_of(scenes.height, scenes.width, style.wall_pixels, image_size, resize, insets)
     together = max(1, SUMS_BYTES // (3 * bands.rows.bands[:, 0].nbytes * image_size))
     for first in range(0, len(scenes.vectors), together):
@@ -94,7 +98,7 @@ class Backdrops:
         # Multiply one channel at a time, which is fastest; then put a pixel's channels together.
         sums = (bands.rows.bands @ planes @ bands.columns.bands.T).transpose(1, 2, 3, 0)
         self._sums: Sums = np.add(sums, bands.unit // 2, order="C")
-        if scenes.task is Task.KEY_AND_DOOR:
+        if scenes.task.rules.phases > 1:
             for code in (KEY, OPEN_DOOR):
                 self._add_squares(code, squares(style, code))
         self._colours = bands.rounded(self._sums)
@@ -167,9 +171,9 @@ class _Palette(NamedTuple):
     """The colours of a style, and the differences that added squares make."""
 
     ground: Sums
-    """The colour of each code without squares inside, and of walls last, shape (9, 3)."""
+    """The colour of each code without squares inside, and of walls last, shape (CODES + 1, 3)."""
     agent: Sums
-    """The agent's colour minus the colour of each code that it covers, shape (8, 3)."""
+    """The agent's colour minus the colour of each code that it covers, shape (CODES, 3)."""
     key: Sums
     """The key's colour minus the agent's, shape (3,)."""
     key_inset: int
@@ -178,7 +182,7 @@ class _Palette(NamedTuple):
 # Without the cache a single picture of 64 x 64 takes 1.3 times as long.
 @lru_cache(maxsize=64)
 def _palette(style: Style, dtype: np.dtype[Any]) -> _Palette:
-    nested = [squares(style, code) for code in range(HIDDEN + 1)]
+    nested = [squares(style, code) for code in range(CODES)]
     *_, (_, agent), (key_inset, key) = squares(style, FLOOR + AGENT_WITH_KEY)
     covered = np.array([_innermost(each, AGENT_INSET) for each in nested], dtype)
     return _Palette(
@@ -206,13 +210,13 @@ def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     if scenes.visible is not None:
         grids = grids.copy()
         hide(grids, scenes.visible)
-    shown = _CODE_OF_ENTRY[grids]
+    shown = _CODE_OF_ENTRY[scenes.task][grids]
     cells = shown[:, ::2, ::2]
     cells[cells == _WALL_CODE] = HIDDEN  # A cell is a wall only where it is hidden.
     count = len(tiles)
     every, entries = np.arange(count), shown.reshape(count, -1)
     entries[every, tiles[:, 1]], entries[every, tiles[:, 2]] = START, GOAL
-    if scenes.task is Task.KEY_AND_DOOR:
+    if scenes.task.rules.phases > 1:
         entries[every, tiles[:, 3]] = np.where(scenes.key_gone, FLOOR, KEY)
         entries[every, tiles[:, 4]] = np.where(scenes.door_open, OPEN_DOOR, DOOR)
     bands = np.full((count, 2 * height + 3, 2 * width + 3), FLOOR, np.uint8)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.world.dynamics import State, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task, whole
+from labyrinth_core.world.labyrinth import TILES, Labyrinth, Look, whole
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
 """The most rows and columns with which every cell and wall still has a pixel."""
@@ -63,6 +63,27 @@ RECOLOURED = Style(
 """Other colours for everything; none is black or white, and none occurs in `DEFAULT_STYLE`."""
 
 
+_PLAIN_WORDS = {
+    "agent": "the green square",
+    "goal": "the blue cell",
+    "key": "the yellow square",
+    "door": "the brown cell",
+    "ice": "the pale blue cells",
+}
+COLOURS_IN_WORDS = {
+    Look.PLAIN: _PLAIN_WORDS,
+    Look.RECOLOURED: {
+        "agent": "the orange square",
+        "goal": "the blue cell",
+        "key": "the red square",
+        "door": "the dark green cell",
+        "ice": "the pale green cells",
+    },
+    Look.THIN_WALLS: _PLAIN_WORDS,
+}
+"""Look -> how questions name the agent, the goal and each tile."""
+
+
 def style_for(look: Look, height: int, width: int, wall_pixels: int | None = None) -> Style:
     """Return the style of a look.
 
@@ -87,9 +108,12 @@ def _style(look: Look, wall_pixels: int | None) -> Style:
     return style if wall_pixels is None else replace(style, wall_pixels=wall_pixels)
 
 
-# The code of what a cell shows: one of the first eight, plus one of the last two for an agent.
-FLOOR, START, GOAL, KEY, DOOR, OPEN_DOOR, ICE, HIDDEN = range(8)
-AGENT, AGENT_WITH_KEY = 8, 16
+# The code of what a cell shows, plus one of the last two for an agent.
+FLOOR, START, GOAL, OPEN_DOOR, HIDDEN = range(5)
+CODE_OF = {tile.name: code for code, tile in enumerate(TILES, start=HIDDEN + 1)}
+CODES = HIDDEN + 1 + len(TILES)
+KEY, DOOR = CODE_OF["key"], CODE_OF["door"]
+AGENT, AGENT_WITH_KEY = 64, 128
 
 AGENT_INSET = 2
 """How far the agent's square is from the walls, in twelfths of a cell."""
@@ -130,10 +154,7 @@ class Painter:
         self._up = [structure.up >> shift & everything for shift in shifts]
         # The codes of cells, except for cells that show the floor.
         self._codes = {labyrinth.start: START, labyrinth.goal: GOAL}
-        self._codes |= dict.fromkeys(labyrinth.ice, ICE)
-        for tile, code in ((labyrinth.key, KEY), (labyrinth.door, DOOR)):
-            if tile is not None:
-                self._codes[tile] = code
+        self._codes |= {cell: CODE_OF[name] for name, cell in labyrinth.tiles()}
         # The strips above the lowest row of cells: all other rows, their walls, perhaps a margin.
         self._lowest = 2 * structure.height - 1 + (self._grid.top > 0)
 
@@ -156,7 +177,7 @@ class Painter:
             state: The state to show; None for the whole labyrinth without the agent.
         """
         changes = {} if state is None else self.changes(state)
-        if self._labyrinth.task is Task.PARTIAL_OBSERVABILITY and changes:
+        if self._labyrinth.task.rules.hides and changes:
             return list(changes.values())
         strips = self._strips.copy()
         for place, strip in changes.items():
@@ -179,7 +200,7 @@ class Painter:
             codes[labyrinth.door] = OPEN_DOOR
         under = codes.get(cell, self._codes.get(cell, FLOOR))
         codes[cell] = under + (AGENT_WITH_KEY if has_key and not door_open else AGENT)
-        if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+        if labyrinth.task.rules.hides:
             return dict(enumerate(self._draw_seen(state, self._codes | codes)))
         strips: dict[int, Strip] = {}
         for cell, code in codes.items():
@@ -374,15 +395,13 @@ def _tile_row(style: Style, code: int, wide: int, tall: int, y: int) -> bytes:
 @lru_cache(maxsize=256)
 def squares(style: Style, code: int) -> list[tuple[int, Colour]]:
     """Return the squares that a cell shows, as (inset in twelfths of a cell, colour)."""
-    agent, tile = code & ~7, code & 7
-    shown = {
+    agent, tile = code & (AGENT | AGENT_WITH_KEY), code & (AGENT - 1)
+    shown = {CODE_OF[each.name]: [(0, getattr(style, each.name))] for each in TILES} | {
         FLOOR: [],
         START: [(0, style.start)],
         GOAL: [(0, style.goal)],
         KEY: [(3, style.wall), (4, style.key)],
-        DOOR: [(0, style.door)],
         OPEN_DOOR: [(0, style.door), (1, style.floor)],
-        ICE: [(0, style.ice)],
         HIDDEN: [(0, style.hidden)],
     }
     found = [(0, style.floor), *shown[tile]]

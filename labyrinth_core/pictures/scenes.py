@@ -150,7 +150,7 @@ def draw_many(
 
     return draw_states(
         (height, width, labyrinths.task),
-        initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ice),
+        initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ground),
         which,
         states,
         image_size,
@@ -189,14 +189,14 @@ def draw_states(
     """
     height, width, task = shape
     cells = height * width
-    places, hides = grid_indices(height, width), task is Task.PARTIAL_OBSERVABILITY
+    places, hides = grid_indices(height, width), task.rules.hides
     pictures = np.empty((len(states), image_size, image_size, 3), np.uint8) if out is None else out
     together = max(1, min(DRAWN_BYTES // (3 * image_size**2), DRAWN_CELLS // cells))
     for start in range(0, len(states), together):
         own = which[start : start + together]
         phase, agents = np.divmod(states[start : start + together], cells)
         key_gone, door_open = phase > 0, phase > 1
-        if task is Task.KEY_AND_DOOR:  # An agent on the key's cell hides the key.
+        if task.rules.phases > 1:  # An agent on the key's cell hides the key.
             key_gone = key_gone | (places[agents] == vectors[own, 3])
         kinds = own * (cells + 4) + (agents if hides else 2 * key_gone + door_open)
         _, first, scene = np.unique(kinds, return_index=True, return_inverse=True)
@@ -231,18 +231,13 @@ class KeptScenes:
         structures = labyrinths.structures
         shape = structures.height, structures.width
         self._size, self._cells = image_size, structures.height * structures.width
-        self._phases = self.phases(labyrinths.task)
+        self._phases = labyrinths.task.rules.phases
         self._tiles = labyrinths.tiles
         which, phase = np.divmod(np.arange(len(labyrinths) * self._phases), self._phases)
-        vectors = initial_vectors(structures, labyrinths.tiles, labyrinths.ice)
+        vectors = initial_vectors(structures, labyrinths.tiles, labyrinths.ground)
         scenes = Scenes(*shape, labyrinths.task, vectors[which], phase > 0, phase > 1)
         style = style_for(labyrinths.look, *shape, wall_pixels)
         self._backdrops = list(backdrops_of(scenes, image_size, style, resize))
-
-    @staticmethod
-    def phases(task: Task) -> int:
-        """Return the number of scenes of a labyrinth: more than one if a key or door vanishes."""
-        return 3 if task is Task.KEY_AND_DOOR else 1
 
     def draw(self, which: Numbers, states: Numbers) -> Pictures:
         """Return the pictures of N states; the arguments are those of `draw_many`."""

@@ -17,7 +17,9 @@ from labyrinth_core.world.dynamics import State, seen_together, visible_from
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 
 OPEN, WALL, ICE = 0, 1, 2
-"""The entries of the wall grid; what the agent does not see is encoded as a wall."""
+"""The entries of the wall grid; what the agent does not see is encoded as a wall.
+
+Ice is the first of its task's `grounds`; further ones would be 3, 4 and so on."""
 GONE = -1
 """The position of a key that was picked up, or of a door that was opened."""
 
@@ -26,7 +28,7 @@ VectorArray = NDArray[np.int32]
 
 def tile_count(task: Task) -> int:
     """Return the number of positions before the wall grid: 5 with key and door, otherwise 3."""
-    return 5 if task is Task.KEY_AND_DOOR else 3
+    return 3 + len(task.rules.singles)
 
 
 def grid_indices(height: int, width: int) -> VectorArray:
@@ -51,27 +53,21 @@ def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
 @lru_cache(maxsize=1024)
 def initial_vector(labyrinth: Labyrinth) -> VectorArray:
     """Return the vector of the initial state with nothing hidden; cached, so read-only."""
-    tiles = [labyrinth.start, labyrinth.goal]
-    if labyrinth.key is not None and labyrinth.door is not None:
-        tiles += [labyrinth.key, labyrinth.door]
-    structure = labyrinth.structure
-    ice = np.zeros((1, structure.cells), np.bool_)
-    ice[:, list(labyrinth.ice)] = True
-    vectors = initial_vectors(Structures.of([structure]), np.array([tiles]), ice)
-    vector: VectorArray = vectors[0]
+    one = Labyrinths.of([labyrinth])
+    vector: VectorArray = initial_vectors(one.structures, one.tiles, one.ground)[0]
     vector.setflags(write=False)
     return vector
 
 
 def initial_vectors(
-    structures: Structures, tiles: NDArray[np.int64], ice: NDArray[np.bool_] | None = None
+    structures: Structures, tiles: NDArray[np.int64], ground: NDArray[np.uint8] | None = None
 ) -> VectorArray:
     """Return the `initial_vector` of n labyrinths.
 
     Args:
         structures: Their structures.
         tiles: The cells of start and goal, then of key and door if any, shape (n, 2) or (n, 4).
-        ice: Whether there is ice in each cell, shape (n, cells); None for no ice.
+        ground: What each cell shows, as in `batch.Labyrinths`, shape (n, cells); None for floors.
 
     Returns:
         Shape (n, length of the vector).
@@ -88,8 +84,9 @@ def initial_vectors(
         passages.reshape(count, height, width) for passages in (structures.up, structures.right)
     )
     grids[:, ::2, ::2] = OPEN
-    if ice is not None:
-        grids[:, ::2, ::2][ice.reshape(up.shape)] = ICE
+    if ground is not None:
+        covered = ground.reshape(up.shape) > 0
+        grids[:, ::2, ::2][covered] = ground[ground > 0] + WALL
     grids[:, 1::2, ::2][up[:, :-1]] = OPEN
     grids[:, ::2, 1::2][right[:, :, :-1]] = OPEN
     return vectors
@@ -114,7 +111,7 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
             vector[3] = GONE
         if state.door_open:
             vector[4] = GONE
-    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+    if labyrinth.task.rules.hides:
         visible = np.zeros((structure.height, structure.width), np.bool_)
         visible.flat[list(visible_from(structure, state.agent))] = True
         grid = vector[tile_count(labyrinth.task) :]
@@ -133,9 +130,9 @@ def vector_observations(
         which: The index of each state's labyrinth, shape (N,).
         states: The index of each state, as in `dynamics.state_index`, shape (N,).
     """
-    vectors = initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ice)[which]
+    vectors = initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ground)[which]
     visible = None
-    if labyrinths.task is Task.PARTIAL_OBSERVABILITY:
+    if labyrinths.task.rules.hides:
         visible = seen_by(labyrinths.take(which), states)
     height, width = labyrinths.structures.height, labyrinths.structures.width
     show_states(vectors, height, width, labyrinths.task, states, visible)
@@ -162,7 +159,7 @@ def show_states(
     """
     phase, cells = np.divmod(states, height * width)
     vectors[:, 0] = grid_indices(height, width)[cells]
-    if task is Task.KEY_AND_DOOR:
+    if task.rules.phases > 1:
         vectors[:, 3][phase >= 1] = GONE
         vectors[:, 4][phase == 2] = GONE
     if visible is not None:

@@ -13,8 +13,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.manifest import mended
 from labyrinth_core.data.storage import file_sha256, read_json
 from labyrinth_core.language.source_text import printable_line

@@ -80,22 +80,22 @@ class Labyrinths:
     look: Look
     tiles: NDArray[np.int64]
     """The cells of start and goal, then of key and door if any, shape (n, 2) or (n, 4)."""
-    ice: NDArray[np.bool_]
-    """Whether there is ice in each cell, shape (n, cells)."""
+    ground: NDArray[np.uint8]
+    """What each cell shows, shape (n, cells): 0 for the floor, 1 for the first of the task's
+    `grounds`, and so on."""
 
     @classmethod
     def of(cls, labyrinths: Sequence[Labyrinth]) -> Labyrinths:
         """Collect one or more labyrinths of the same size, task and look."""
         structures = Structures.of([each.structure for each in labyrinths])
-        tiles = [
-            [cell for cell in (each.start, each.goal, each.key, each.door) if cell is not None]
-            for each in labyrinths
-        ]
-        ice = np.zeros(structures.up.shape, np.bool_)
-        for row, each in zip(ice, labyrinths, strict=True):
-            row[list(each.ice)] = True
         first = labyrinths[0]
-        return cls(structures, first.task, first.look, np.array(tiles, np.int64), ice)
+        singles = ("start", "goal", *first.task.rules.singles)
+        tiles = [[getattr(each, name) for name in singles] for each in labyrinths]
+        ground = np.zeros(structures.up.shape, np.uint8)
+        for number, name in enumerate(first.task.rules.grounds, start=1):
+            for row, each in zip(ground, labyrinths, strict=True):
+                row[list(getattr(each, name))] = number
+        return cls(structures, first.task, first.look, np.array(tiles, np.int64), ground)
 
     def __len__(self) -> int:
         return len(self.tiles)
@@ -107,12 +107,23 @@ class Labyrinths:
             self,
             structures=replace(self.structures, up=up, right=right),
             tiles=self.tiles[numbers],
-            ice=self.ice[numbers],
+            ground=self.ground[numbers],
         )
+
+    @property
+    def ice(self) -> NDArray[np.bool_]:
+        """Whether there is ice in each cell, shape (n, cells)."""
+        grounds = self.task.rules.grounds
+        ice: NDArray[np.bool_] = (
+            self.ground == 1 + grounds.index("ice")
+            if "ice" in grounds
+            else np.zeros(self.ground.shape, np.bool_)
+        )
+        return ice
 
     def keep_the_rules(self) -> bool:
         """Return whether every labyrinth keeps the rules of `Labyrinth`."""
-        count, cells = self.ice.shape
+        count, cells = self.ground.shape
         first = cells * np.arange(count)
         onward = self.structures.moves().reshape(-1, 4) + np.repeat(first, cells)[:, None]
         start, goal, *locked = (self.tiles + first[:, None]).T
@@ -131,7 +142,7 @@ class Labyrinths:
         moves = self.structures.moves()
         if self.task is not Task.KEY_AND_DOOR:
             return moves
-        cells = self.ice.shape[1]
+        cells = self.ground.shape[1]
         key, door = (self.tiles[:, place, None, None] for place in (2, 3))
         stay = np.arange(cells, dtype=np.int32)[:, None]
         without_key = np.where(moves == door, stay, moves) + cells * (moves == key)
@@ -140,9 +151,9 @@ class Labyrinths:
 
     def terminal(self) -> NDArray[np.bool_]:
         """Return whether an episode ends in each state, shape (n, states)."""
-        ends = self.ice.copy()
+        ends = self.ice
         np.put_along_axis(ends, self.tiles[:, 1:2], True, axis=1)
-        return np.tile(ends, 3 if self.task is Task.KEY_AND_DOOR else 1)
+        return np.tile(ends, self.task.rules.phases)
 
 
 def replay_many(

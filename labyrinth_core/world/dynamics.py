@@ -94,7 +94,7 @@ def step_limit(labyrinth: Labyrinth) -> int:
 
 def state_count(labyrinth: Labyrinth) -> int:
     """Return the number of states: the cells, times three with a door (locked, key held, open)."""
-    return labyrinth.structure.cells * (1 if labyrinth.door is None else 3)
+    return labyrinth.structure.cells * labyrinth.task.rules.phases
 
 
 def state_index(labyrinth: Labyrinth, state: State) -> int:

@@ -15,6 +15,7 @@ from functools import cached_property
 from math import inf
 from numbers import Integral
 from operator import index
+from typing import NamedTuple
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
@@ -92,13 +93,100 @@ class LabyrinthError(ValueError):
         self.cell = cell
 
 
+class Tile(NamedTuple):
+    """A kind of cell that a task adds to a labyrinth."""
+
+    name: str
+    """Its field of `Labyrinth`, its colour in `pictures.renderer.Style`, and its column in the
+    report."""
+    letter: str
+    """How the text language draws it."""
+    meaning: str
+    """What the report's legend says about it."""
+    many: bool = False
+    """Whether any number of cells are of this kind, a set, instead of exactly one cell."""
+
+
+@dataclass(frozen=True)
+class TaskRules:
+    """What all rooms need to know about a task.
+
+    How its tiles are placed is in `tasks.PLACEMENTS`. A task that changes which moves are possible
+    also changes `dynamics.transition` and `batch.Labyrinths.transitions`, and `world.js` for the
+    report.
+    """
+
+    setting: str = ""
+    """The setting of the text language that switches the task on; navigation has none."""
+    tiles: tuple[Tile, ...] = ()
+    owned: str = ""
+    """The tiles in words, and how many of them the task needs, for error messages."""
+    question: str = ""
+    """The rule as questions state it; `{name}` stands for what the agent sees of a tile."""
+    phases: int = 1
+    """The number of states of the world for each cell of the agent: 3 with a door (locked, key
+    held, open)."""
+    hides: bool = False
+    """Whether the agent sees only some of the cells."""
+    is_reversible: bool = True
+    """Whether an agent can go back by the way it came, ice excepted."""
+    needs_loops: str = ""
+    """Why no tree can hold the task; empty if some can."""
+    needs_walls: str = ""
+    """Why no grid without walls can hold the task; empty if some can."""
+
+    @property
+    def singles(self) -> tuple[str, ...]:
+        """The names of the tiles of which a labyrinth has exactly one."""
+        return tuple(tile.name for tile in self.tiles if not tile.many)
+
+    @property
+    def grounds(self) -> tuple[str, ...]:
+        """The names of the tiles that any number of cells show."""
+        return tuple(tile.name for tile in self.tiles if tile.many)
+
+
+_NO_TILES = TaskRules()
+
+
 class Task(StrEnum):
     """The difficulty on the way to the goal; a labyrinth has exactly one task."""
 
+    rules: TaskRules
+
+    def __new__(cls, name: str, rules: TaskRules = _NO_TILES) -> Task:
+        task = str.__new__(cls, name)
+        task._value_, task.rules = name, rules
+        return task
+
     NAVIGATION = "navigation"
-    PARTIAL_OBSERVABILITY = "partial_observability"
-    KEY_AND_DOOR = "key_and_door"
-    ICY_FLOOR = "icy_floor"
+    PARTIAL_OBSERVABILITY = "partial_observability", TaskRules("occlusion", hides=True)
+    KEY_AND_DOOR = (
+        "key_and_door",
+        TaskRules(
+            "key_and_lock",
+            (Tile("key", "K", "key"), Tile("door", "D", "door")),
+            "a key and a door, and needs both",
+            " The door ({door}) opens to an agent that has been on the key ({key}).",
+            phases=3,
+            is_reversible=False,
+            needs_walls="without walls every door can be bypassed",
+        ),
+    )
+    ICY_FLOOR = (
+        "icy_floor",
+        TaskRules(
+            "icy_floor",
+            (Tile("ice", "I", "ice, which ends the episode", many=True),),
+            "ice, and needs some",
+            " Ice ({ice}) must not be entered.",
+            needs_loops="without loops ice has no detour",
+        ),
+    )
+
+
+TILES = tuple(tile for task in Task for tile in task.rules.tiles)
+"""The tiles of all tasks."""
 
 
 class Look(StrEnum):
@@ -306,6 +394,11 @@ def identity(text: str) -> str:
     return f"{int.from_bytes(digest, 'big') >> 1:016x}"
 
 
+_WITH_TILES = [(t, t.rules.singles, t.rules.grounds) for t in Task if t.rules.tiles]
+_SINGLES = ("start", "goal", *(tile.name for tile in TILES if not tile.many))
+_GROUNDS = tuple(tile.name for tile in TILES if tile.many)
+
+
 @dataclass(frozen=True)
 class Labyrinth:
     """A structure with a start, a goal, and a task with its tiles. Cells are indices.
@@ -327,18 +420,14 @@ class Labyrinth:
 
     def __post_init__(self) -> None:
         self._make_whole()
-        tiles = [("start", self.start), ("goal", self.goal)]
-        locked = self.task is Task.KEY_AND_DOOR
-        if (self.key is None) == locked or (self.door is None) == locked:
-            raise LabyrinthError(f"only {Task.KEY_AND_DOOR} has a key and a door, and needs both")
-        if bool(self.ice) != (self.task is Task.ICY_FLOOR):
-            raise LabyrinthError(f"only {Task.ICY_FLOOR} has ice, and needs some")
-        if self.key is not None and self.door is not None:
-            tiles += [("key", self.key), ("door", self.door)]
-        tiles += [("ice", cell) for cell in self.ice]
+        for task, singles, grounds in _WITH_TILES:
+            own = task is self.task
+            wrong = [name for name in singles if (getattr(self, name) is not None) != own]
+            if wrong or (grounds and any(getattr(self, name) for name in grounds) != own):
+                raise LabyrinthError(f"only {task} has {task.rules.owned}")
         cells = self.structure.cells
         taken: dict[int, str] = {}
-        for name, cell in tiles:
+        for name, cell in (("start", self.start), ("goal", self.goal), *self.tiles()):
             if not 0 <= cell < cells:
                 raise LabyrinthError(f"the {name} is outside the grid: cell {cell}")
             if cell in taken:
@@ -357,12 +446,23 @@ class Labyrinth:
                 if value not in [*kind]:
                     raise LabyrinthError(f"{name}={value}: choose one of {', '.join(kind)}")
                 object.__setattr__(self, name, kind(value))
-        for name in ("start", "goal", "key", "door"):
+        for name in _SINGLES:
             cell = getattr(self, name)
             if type(cell) is not int and cell is not None:
                 object.__setattr__(self, name, whole(name, cell))
-        if type(self.ice) is not frozenset or any(type(cell) is not int for cell in self.ice):
-            object.__setattr__(self, "ice", frozenset(whole("ice", cell) for cell in self.ice))
+        for name in _GROUNDS:
+            cells = getattr(self, name)
+            if type(cells) is not frozenset or any(type(cell) is not int for cell in cells):
+                object.__setattr__(self, name, frozenset(whole(name, cell) for cell in cells))
+
+    def tiles(self) -> Iterator[tuple[str, int]]:
+        """Yield the name and the cell of each tile of the task."""
+        for tile in self.task.rules.tiles:
+            cells = getattr(self, tile.name)
+            if tile.many:
+                yield from ((tile.name, cell) for cell in cells)
+            elif cells is not None:
+                yield tile.name, cells
 
     @cached_property
     def cell_distances(self) -> Sequence[int]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,10 +47,10 @@ def check_open_walls(task: Task, open_walls: float) -> None:
         LabyrinthError: No labyrinth can hold the task.
     """
     wish = f"open_walls={open_walls:g} task={task}"
-    if task is Task.ICY_FLOOR and open_walls == 0:
-        raise LabyrinthError(f"{wish}: without loops ice has no detour; give more than 0")
-    if task is Task.KEY_AND_DOOR and open_walls == 1:
-        raise LabyrinthError(f"{wish}: without walls every door can be bypassed; give less than 1")
+    if task.rules.needs_loops and open_walls == 0:
+        raise LabyrinthError(f"{wish}: {task.rules.needs_loops}; give more than 0")
+    if task.rules.needs_walls and open_walls == 1:
+        raise LabyrinthError(f"{wish}: {task.rules.needs_walls}; give less than 1")
 
 
 def place(
@@ -59,9 +60,8 @@ def place(
     task: Task,
     rng: np.random.Generator,
     *,
-    key: int | None = None,
-    door: int | None = None,
     look: Look = Look.PLAIN,
+    **given: int,
 ) -> Labyrinth:
     """Return a labyrinth with the task's missing tiles placed at random.
 
@@ -71,21 +71,17 @@ def place(
         goal: Cell of the goal.
         task: The task to hold.
         rng: Chooses among the places that are possible.
-        key: Cell of the key; None to choose it.
-        door: Cell of the door; None to choose it.
         look: How pictures show it.
+        given: Cells of single tiles by name, such as `key`; the others are chosen.
 
     Raises:
         LabyrinthError: The structure cannot hold the task.
     """
-    if task in (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY):
+    if not task.rules.tiles:
         return Labyrinth(structure, start, goal, task, look=look)
     Labyrinth(structure, start, goal)  # Raises if start, goal or the route between them is invalid.
-    if task == Task.KEY_AND_DOOR:
-        key, door = _place_key_and_door(structure, start, goal, rng, key, door)
-        return Labyrinth(structure, start, goal, task, key=key, door=door, look=look)
-    ice = _place_ice(structure, start, goal, rng)
-    return Labyrinth(structure, start, goal, task, ice=ice, look=look)
+    tiles = PLACEMENTS[task].place(structure, start, goal, rng, **given)
+    return Labyrinth(structure, start, goal, task, look=look, **tiles)
 
 
 def _place_key_and_door(
@@ -93,9 +89,9 @@ def _place_key_and_door(
     start: int,
     goal: int,
     rng: np.random.Generator,
-    key: int | None,
-    door: int | None,
-) -> tuple[int, int]:
+    key: int | None = None,
+    door: int | None = None,
+) -> dict[str, Any]:
     doors, found = _unavoidable(structure, start, goal)
     if door is not None:
         doors = {door: doors[door]} if door in doors else {}
@@ -115,7 +111,7 @@ def _place_key_and_door(
         raise LabyrinthError("no place for the key: no cell before the door is a detour")
     door = list(doors)[rng.integers(len(doors))]
     keys = [cell for cell in keys if found[cell] < doors[door]]
-    return keys[rng.integers(len(keys))], door
+    return {"key": keys[rng.integers(len(keys))], "door": door}
 
 
 def _unavoidable(
@@ -158,7 +154,7 @@ def _unavoidable(
 
 def _place_ice(
     structure: Structure, start: int, goal: int, rng: np.random.Generator
-) -> frozenset[int]:
+) -> dict[str, Any]:
     from_start, from_goal = structure.distances(start), structure.distances(goal)
     shortest = from_start[goal]
     on_shortest = {
@@ -169,7 +165,7 @@ def _place_ice(
     closed = _closed_until_longer(structure, start, goal, rng)
     # The ice covers the shortest routes, except the cells that the longer route chosen here needs.
     longer = _shortest_route(structure, start, structure.distances(goal, closed), rng)
-    return frozenset(on_shortest.difference(longer))
+    return {"ice": frozenset(on_shortest.difference(longer))}
 
 
 def _closed_until_longer(
@@ -226,15 +222,40 @@ def _shortest_route(
     return route
 
 
+def _key_is_a_detour(labyrinth: Labyrinth) -> bool:
+    from_start = labyrinth.structure.distances(labyrinth.start)
+    from_goal = labyrinth.structure.distances(labyrinth.goal)
+    assert labyrinth.key is not None
+    return from_start[labyrinth.key] + from_goal[labyrinth.key] > from_start[labyrinth.goal]
+
+
+def _best_route_is_blocked(labyrinth: Labyrinth) -> bool:
+    without_tiles = labyrinth.structure.distances(labyrinth.goal)[labyrinth.start]
+    return labyrinth.cell_distances[labyrinth.start] > without_tiles
+
+
+class Placement(NamedTuple):
+    """How the tiles of a task are placed."""
+
+    place: Callable[..., dict[str, Any]]
+    """Returns the tiles as fields of `Labyrinth`, given structure, start, goal, a generator and
+    the cells of single tiles that are not to be chosen; raises LabyrinthError if there is no place
+    for them."""
+    matter: Callable[[Labyrinth], bool]
+    """Returns whether the tiles of a labyrinth make a difference."""
+
+
+PLACEMENTS = {
+    Task.KEY_AND_DOOR: Placement(_place_key_and_door, _key_is_a_detour),
+    Task.ICY_FLOOR: Placement(_place_ice, _best_route_is_blocked),
+}
+"""Each task with tiles -> how they are placed."""
+
+
 def tiles_matter(labyrinth: Labyrinth) -> bool:
     """Return whether the tiles matter, as in `place`: the key is a detour, the ice in the way."""
-    structure, start, goal = labyrinth.structure, labyrinth.start, labyrinth.goal
-    if labyrinth.key is not None:
-        from_start, from_goal = structure.distances(start), structure.distances(goal)
-        return from_start[labyrinth.key] + from_goal[labyrinth.key] > from_start[goal]
-    if labyrinth.ice:
-        return labyrinth.cell_distances[start] > structure.distances(goal)[start]
-    return True
+    task = labyrinth.task
+    return not task.rules.tiles or PLACEMENTS[task].matter(labyrinth)
 
 
 def sample_labyrinth(
@@ -314,8 +335,8 @@ def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generat
         LabyrinthError: No start and goal can hold the task.
     """
     goals = rng.permutation(structure.cells).tolist()
-    if task is Task.ICY_FLOOR and not structure.loops:
-        goals = []  # A tree has no detour for ice, and trying all pairs would take long.
+    if task.rules.needs_loops and not structure.loops:
+        goals = []  # Trying all pairs would take long.
     return _moved(structure, task, goals, rng)
 
 

@@ -11,11 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from rich.box import SIMPLE_HEAD
-from rich.table import Column, Table
-
-from labyrinth_core.data.dataset import why_unavailable
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.location import why_unavailable
 from labyrinth_core.data.rows import each_read
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
@@ -23,17 +20,8 @@ from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.inspection import front_matter
-from pipeline.inspection.leakage import (
-    NEAR,
-    Held,
-    Keys,
-    Leakage,
-    certify,
-    find_leakage,
-    id_of,
-    structure_of,
-)
-from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks
+from pipeline.inspection.leakage import find_leakage, id_of
+from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import console, say
 
@@ -56,8 +44,7 @@ def certify_labyrinths(
         OSError: A file cannot be read or written.
     """
     found = read_elsewhere(source, config)
-    keys = {split: Keys.of(labyrinths) for split, labyrinths in found.splits.items()}
-    leakage = find_leakage(found.splits, certify(keys))
+    leakage = find_leakage(found.splits)
     content = {
         "source": source,
         "config": config or found.config,
@@ -68,7 +55,7 @@ def certify_labyrinths(
     }
     leave(folder, {name: as_text(content).encode()}, overwrite=overwrite)
     path = folder / name
-    console.print(_table(leakage, with_routes=not found.structures_alone))
+    console.print(table_of(leakage, with_routes=not found.structures_alone))
     yield from leaks(leakage, found.files)
     if found.structures_alone:
         yield "Some labyrinths have no start and goal, so only structures are compared."
@@ -81,35 +68,11 @@ def certify_labyrinths(
         )
 
 
-def _table(leakage: Leakage, *, with_routes: bool) -> Table:
-    walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
-    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
-    table = Table(
-        "splits",
-        *(Column(heading, justify="right") for heading in headings),
-        title="leakage: labyrinths of the second split with a counterpart in the first",
-        caption="nearest: walls to the nearest structure of the first, minimum and median",
-        box=SIMPLE_HEAD,
-        padding=0,
-    )
-    for each in leakage.pairs:
-        pair, of = each.pair, leakage.certificate.labyrinths[each.pair.second]
-        counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
-        counts += [each.within(walls) for walls in NEAR]
-        table.add_row(
-            f"{pair.first}, {pair.second}",
-            *(f"{count:,}" for count in counts),
-            f"{len(each.same_route):,}" if with_routes else "-",
-            each.spread(of),
-        )
-    return table
-
-
 @dataclass(frozen=True)
 class Elsewhere:
     """The labyrinths of an external dataset, with the problems in reading it."""
 
-    splits: Mapping[str, Sequence[Held]]
+    splits: Mapping[str, Sequence[Labyrinth | Structure]]
     """Split -> its labyrinths, in order; or all structures, if any has no start and goal."""
     files: Mapping[str, Mapping[str, str]]
     """Split -> id of a labyrinth -> its first place in a file; empty if not read from files."""
@@ -162,11 +125,11 @@ def _in_files(path: Path) -> Elsewhere:
     """Return the labyrinths in a file or a folder."""
     entries = list(read_collection(path))
     alone = any(isinstance(entry.found, Structure) for entry in entries)
-    splits: dict[str, list[Held]] = {}
+    splits: dict[str, list[Labyrinth | Structure]] = {}
     files: dict[str, dict[str, str]] = {}
     for split, place, found, _ in entries:
         if found is not None:
-            held = structure_of(found) if alone else found
+            held = found.structure if alone and isinstance(found, Labyrinth) else found
             splits.setdefault(split, []).append(held)
             files.setdefault(split, {}).setdefault(id_of(held), place)
     return Elsewhere(splits, files, [entry.problem for entry in entries if entry.problem])

@@ -51,7 +51,7 @@ class DatasetOptions:
     size: str = option("5", "rows and columns: 5, or height x width such as 4x6")
     task: str = option(
         "navigation",
-        "navigation, partial_observability, key_and_door or icy_floor",
+        f"{', '.join([*Task][:-1])} or {[*Task][-1]}",
         one_of=map(str, Task),
     )
     labyrinths: int | None = option(

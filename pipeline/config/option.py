@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import MISSING, Field, field, fields, is_dataclass, make_dataclass
-from functools import partial
+from dataclasses import Field, field, fields, is_dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_origin, get_type_hints
@@ -18,7 +17,6 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
 
-FOLDER = (r"(?s).*\S.*", "a folder")
 LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
 
 
@@ -62,47 +60,6 @@ def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]
             yield from declared(cast(type, kind), f"{name}.")
         else:
             yield name, each, kind
-
-
-def meanings(cls: type, group: str = "") -> dict[str, str]:
-    """Return the help text of each option that a class and its groups declare, by name."""
-    return {name: each.metadata["meaning"] for name, each, _ in declared(cls, group)}
-
-
-def default_of(each: Field[Any]) -> str:
-    """Return the default of an option as a user would type it; empty if it has none."""
-    default = each.default
-    if each.default_factory is not MISSING:
-        default = each.default_factory()["name"]
-    if isinstance(default, tuple):
-        _, _, one_of, _ = each.metadata["checks"]
-        every = bool(default) and [*default] == one_of
-        return "all" if every else ",".join(default)
-    if default is None:
-        return ""
-    return str(default).lower() if isinstance(default, bool) else str(default)
-
-
-def schema(cls: type) -> type:
-    """Return a mutable class of the same options, for OmegaConf to merge values into.
-
-    `frozen` checks lists and booleans instead, because OmegaConf refuses a single text for a list
-    and reads -1 as true.
-    """
-    made: list[tuple[str, Any, Any]] = []
-    kinds = get_type_hints(cls)
-    for each in fields(cls):
-        name, kind, default = each.name, kinds[each.name], each.default
-        if is_dataclass(kind):
-            group = schema(cast(type, kind))
-            made.append((name, group, field(default_factory=group)))
-        elif get_origin(kind) is tuple:
-            made.append((name, Any, field(default_factory=partial(list, default))))
-        elif get_origin(kind) is dict:
-            made.append((name, kind, field(default_factory=cast(Any, each.default_factory))))
-        else:
-            made.append((name, Any if kind is bool else kind, default))
-    return make_dataclass(cls.__name__, made)
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
-from labyrinth_core.data.storage import folder_at
-from pipeline.config.option import FOLDER, LOCAL_FOLDER, option
+from pipeline.config.option import LOCAL_FOLDER, option
 from pipeline.config.stage import Job
 
 
@@ -82,22 +80,6 @@ class ResultsFolderOption:
     )
 
 
-@dataclass(frozen=True)
-class DataFolderOption:
-    """Where datasets are."""
-
-    data_dir: str = option(
-        "data/labyrinth",
-        "folder of datasets, or a URL such as s3://bucket/name; each size and task has a subfolder",
-        like=FOLDER,
-    )
-
-
 def source_of(job: Job[SourceOptions]) -> str:
     """Return the dataset that a stage reads, as results name it: a folder, or an id on the Hub."""
     return job.typed_dir if job.options.dataset is None else job.options.dataset
-
-
-def as_named(data_dir: str) -> str:
-    """Return a `data_dir` as results and records name it; raise ValueError if it is no folder."""
-    return str(Path(data_dir) if data_dir.startswith("~") else folder_at(data_dir))

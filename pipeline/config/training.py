@@ -76,7 +76,6 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     observation: str = option(
         "image",
         "input of the policy: image, vector (for encoder=mlp), or text (only for policy=...)",
-        one_of=("image", "vector", "text"),
     )
     protocol: str = option(
         "default",
@@ -123,6 +122,13 @@ NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
 
 
+def check_observation(name: str) -> None:
+    """Raise a ConfigError if the library has no such observation."""
+    from labyrinth_core.pictures.observations import OBSERVATIONS
+
+    check(name in OBSERVATIONS, f"observation={name}: choose one of {listed(OBSERVATIONS)}")
+
+
 def check_training(options: TrainingOptions) -> None:
     """Raise a ConfigError if an option for training is invalid, or a library is missing."""
     missing = [name for name in NEEDS if find_spec(name) is None]
@@ -131,7 +137,11 @@ def check_training(options: TrainingOptions) -> None:
     name, seen = options.method_name, options.observation
     check_method(options)
     check_options(options, TrainingOptions)
-    check(seen != "text", "observation=text is only for policy=...: give image or vector")
+    check_observation(seen)
+    check(
+        seen in ("image", "vector"),
+        f"observation={seen} is only for policy=...: give image or vector",
+    )
     fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
     check(
         options.encoder in fitting,

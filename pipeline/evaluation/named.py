@@ -17,17 +17,16 @@ from labyrinth_core import evaluate
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, PolicyError, asked, fitted
 from labyrinth_core.evaluation.description import DETAILS, Description
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
-from pipeline.config.options import source_of
 from pipeline.config.stage import Job
 from pipeline.config.training import named
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
 from pipeline.machinery.artifact import Key, Sums
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -64,9 +63,9 @@ def judge_named(job: Job[EvaluateOptions]) -> Judged:
         path = runs / _as_file_name(name) / RESULTS
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
-    manifest = manifest_of(job)  # Its error says how to make a dataset that is missing.
-    config = manifest.config
-    key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": manifest.fingerprint}
+    data = dataset_of(job)  # Its error says how to make a dataset that is missing.
+    config = data.manifest.config
+    key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": data.fingerprint}
     require_free(path, key, job)
     policy = named_policy(options.policy)
     # "image" is the option's default, so it does not say what the policy observes.
@@ -85,21 +84,19 @@ def judge_named(job: Job[EvaluateOptions]) -> Judged:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    shown: dict[str, Any] = {
-        "observation": spec.observation,
-        "image_size": spec.image_size,
-        "revision": options.revision,
-    }
     results = evaluate(
         policy,
-        source_of(job),
-        job.dataset.name,
+        data,
+        observation=spec.observation,
+        image_size=spec.image_size,
         episodes=asked.episodes,
         seed=job.dataset.seed,
         splits=asked.splits or None,
-        **shown,
     )
-    load = partial(load_arrays, source_of(job), job.dataset.name, resize=spec.resize, **shown)
+
+    def load(split: str) -> LabyrinthArrays:
+        return arrays_in(data[split], spec)
+
     return Judged(about, Player.of(policy, job.dataset.seed), load, results, path, key)
 
 

@@ -12,7 +12,7 @@ from pipeline.config.errors import check
 from pipeline.config.option import check_options, option
 from pipeline.config.options import OverwriteOption
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import TrainingOptions, check_observation, check_training
 
 COMPARE = "stages=results", "compare it with others"
 """What to do after an evaluation, and why."""
@@ -96,6 +96,7 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
+    check_observation(options.observation)
     check_options(options.evaluation, EvaluationOptions, "evaluation.")
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import asdict, replace
 from functools import partial
 
-from labyrinth_core.data.dataset import locate, require_unchanged
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import Description, TrainedRun
 from labyrinth_core.evaluation.evaluate import judge, way_of
@@ -26,7 +25,7 @@ from pipeline.config.training import run_name, training_folder
 from pipeline.evaluation.named import Judged, require_free
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
 from pipeline.training.methods.method import find
 from pipeline.training.record import training_versions
@@ -59,8 +58,8 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
     judged_on = elsewhere(job) if options.evaluate_on else job
-    manifest = manifest_of(judged_on, judged_on.options.train_labyrinths)
-    config, fingerprint = manifest.config, manifest.fingerprint
+    data = dataset_of(judged_on, judged_on.options.train_labyrinths)
+    config, fingerprint = data.manifest.config, data.fingerprint
     if judged_on is job and fingerprint != about["fingerprint"]:
         raise DatasetError(
             f"{folder} was trained on another dataset than {source_of(job)}: their fingerprints "
@@ -74,7 +73,7 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
     size = method.image_size(spec, settings, config.height, config.width)
     shape = replace(spec, height=config.height, width=config.width)
     acting = method.player(policy, shape, settings)
-    player, load = Player.of(acting, job.dataset.seed), loader_of(judged_on, size)
+    player, load = Player.of(acting, job.dataset.seed), loader_of(judged_on, data, size)
     learnt = None if judged_on is job else learnt_from(job, about["fingerprint"], config)
     splits = (*EVALUATED_SPLITS, *config.shifts)
     scores, baselines = judge(
@@ -85,7 +84,7 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
         learnt=learnt,
         blind=True,
     )
-    require_unchanged(source_of(judged_on), config.name, fingerprint, judged_on.options.revision)
+    data.require_unchanged()
     as_tried = None
     if method.protocol:
         as_tried = {split: method.as_tried(policy, load(split)) for split in splits}
@@ -132,7 +131,7 @@ def elsewhere(job: Job[EvaluateOptions]) -> Job[EvaluateOptions]:
         DatasetError: The dataset does not exist.
     """
     source, _, name = job.options.evaluate_on.rstrip("/").rpartition("/")
-    config, trained_on = Manifest.read(locate(source, name, [])).config, job.dataset
+    config, trained_on = Dataset(source, name).manifest.config, job.dataset
 
     def vectors(of: DatasetConfig) -> tuple[int, int, int]:
         return of.height, of.width, tile_count(of.task)
@@ -158,7 +157,7 @@ def learnt_from(
         if getattr(config, name) != getattr(trained_on, name):
             return None
     try:
-        available = manifest_of(job).fingerprint == fingerprint
+        data = dataset_of(job)
     except DatasetError:
         return None
-    return loader_of(job)("train", "vector") if available else None
+    return loader_of(job, data)("train", "vector") if data.fingerprint == fingerprint else None

@@ -23,7 +23,6 @@ from numpy.typing import NDArray
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
-from labyrinth_core.data.manifest import table_groups
 from labyrinth_core.data.storage import write_text
 from pipeline.config.export import CODEBASE_VERSION
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
@@ -115,7 +114,7 @@ def _frames_and_rows(
 
 def _labyrinths(split: Split) -> Iterator[dict[str, Any]]:
     """Yield, for each episode, the row of its labyrinth in the table of labyrinths."""
-    for group in table_groups(split.folder, split.manifest):
+    for group in split.data.table_groups():
         for row in group.to_pylist():
             if row["split"] == split.name:
                 yield from repeat(row, row["episodes"])

@@ -10,13 +10,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core import load_episodes
-from labyrinth_core.data.dataset import require_unchanged
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.version import DEVELOPERS, __version__
 from labyrinth_core.world.dynamics import STEP_LIMIT
 from pipeline.config.export import NAMESPACE, VERSION
@@ -32,17 +30,17 @@ Item = TypeVar("Item")
 class Split:
     """One split of a dataset to export."""
 
-    source: str
-    """The dataset: a folder, or an id on the Hub."""
-    revision: str | None
-    folder: AnyPath
-    """The folder of its manifest and its table of labyrinths."""
-    manifest: Manifest
+    data: Dataset
     name: str
     """Such as `train`."""
     image_size: int
     """Pixels on each side of the pictures."""
     licence: str
+
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest of the dataset."""
+        return self.data.manifest
 
     @property
     def id(self) -> str:
@@ -118,16 +116,8 @@ class Split:
             DatasetError: They cannot be read, their number differs from the manifest, or the
                 dataset was replaced after its manifest was read.
         """
-        found = load_episodes(
-            self.source,
-            self.manifest.config.name,
-            split=self.name,
-            image_size=self.image_size,
-            revision=self.revision,
-        )
-        # From here on the shards are compared with the manifest that was read just now.
-        config, fingerprint = self.manifest.config.name, self.manifest.fingerprint
-        require_unchanged(self.source, config, fingerprint, self.revision)
+        found = self.data[self.name].iterate_episodes(image_size=self.image_size)
+        self.data.require_unchanged()
         steps = ((len(episode) + 1, episode) for episode in found)
         number = 0
         for episode in tracked(steps, self.name, self.rows):

@@ -8,20 +8,18 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from labyrinth_core.data.dataset import locate
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import check, listed
 from pipeline.config.export import EXPORTS, RECORD
-from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums, is_whole, produced
 from pipeline.machinery.console import say
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 
 README = "README.md"
 """The card of the datasets in a folder, which may name their licence."""
@@ -86,21 +84,16 @@ def _writer(format_: str) -> Callable[[Split, Path], None]:
 
 def splits_of(job: Job[ExportStageOptions]) -> list[Split]:
     """Return the splits to export; raises the same errors as `run`."""
-    asked, options = job.options.export, job.options
-    manifest = manifest_of(job)
-    names = list(dict.fromkeys(shard.split for shard in manifest.shards))
+    asked = job.options.export
+    data = dataset_of(job)
+    names = data.splits
     unknown = [name for name in asked.splits if name not in names]
     check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(names)}")
-    files = [TABLE, f"../{README}"]
-    folder = locate(source_of(job), manifest.config.name, files, options.revision)
-    values, _ = front_matter.read(folder.parent / README)
+    values, _ = front_matter.read(data.locate([TABLE, f"../{README}"]).parent / README)
     return [
         Split(
-            source=source_of(job),
-            revision=options.revision,
-            folder=folder,
-            manifest=manifest,
-            name=name,
+            data,
+            name,
             image_size=asked.image_size,
             licence=front_matter.licence_of(values),
         )

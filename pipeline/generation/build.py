@@ -15,9 +15,8 @@ manifest makes them a dataset.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import fields, replace
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -26,6 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.drawing import CELLS_PER_CHUNK
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import (
     FORMAT,
@@ -40,13 +41,13 @@ from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.generation.candidates import CELLS_PER_CHUNK, Candidates, Chunk, Records, draw_chunk
+from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
 from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
     ShardJob,
     ShardThere,
+    Sidecar,
     finished,
-    left,
     make_shard,
     not_as_it_was,
 )
@@ -62,9 +63,6 @@ from pipeline.machinery.markdown import count
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
-
-Plan = Callable[[Manifest | None], tuple[list[ShardJob], int]]
-"""The function `plan`, of which only the argument `shorter` is open."""
 
 
 def run(job: Job[BuildOptions], **sizes: Any) -> None:
@@ -106,32 +104,32 @@ def build(
         cells_per_chunk: The cells of all candidates in the first chunk and in any other; each has
             at least one candidate.
     """
-    workplace = Workplace.of(job.folder)
-    plan_of = partial(plan, job, workplace, cells_per_shard, cells_per_chunk)
+    work = Build(job, Workplace.of(job.folder), cells_per_shard, cells_per_chunk)
+    workplace = work.workplace
     with held(job.data_dir, job.dataset.name):
         workplace.recover()
-        there = None if job.options.overwrite else _there(job)
-        if there is not None and there.config == job.dataset:
+        existing = None if job.options.overwrite else _existing(job)
+        if existing is not None and existing.manifest.config == job.dataset:
             try:
-                _mend(job, workplace, there, plan_of)
+                work.mend(existing)
             finally:  # Another job, with other options, may have been stopped here.
                 if workplace.is_for(job.dataset) or not workplace.has_begun:
                     workplace.clear()
-            return there if job.options.numbers is None else None
+            return existing.manifest if job.options.numbers is None else None
         check_capacity(job.dataset)
         workplace.refuse_others_files()
         front_matter.read(job.data_dir / "README.md")  # Raises if it is another user's file.
         if job.options.numbers is None:
-            return _build(job, workplace, there, plan_of)
+            return work.whole(existing)
         part, parts = job.options.numbers
         recount = job.options.overwrite and workplace.is_for(job.dataset)
         workplace.prepare(job.dataset, parts=parts, overwrite=recount)
     # Each part has its own lock, because parts are made at the same time.
     with held(job.data_dir, f"{job.dataset.name}.part-{part}-of-{parts}") as is_locked:
-        jobs = plan_of(there)[0][part % parts :: parts]
+        jobs = work.plan(existing)[0][part % parts :: parts]
         if is_locked:
             workplace.tidy({name for job in jobs for name in (job.path.name, job.sidecar.name)})
-        shards = _made(job, jobs)
+        shards = work.made(jobs)
     say(
         f"part={part}/{parts} of {job.folder} is finished, {count(len(shards), 'shard')}: when all "
         "parts are, run the same command without part to join them."
@@ -139,8 +137,8 @@ def build(
     return None
 
 
-def _there(job: Job[BuildOptions]) -> Manifest | None:
-    """Return the manifest of the dataset in the folder of a job, None if there is no dataset.
+def _existing(job: Job[BuildOptions]) -> Dataset | None:
+    """Return the dataset in the folder of a job, None if there is none.
 
     The dataset has the same options; or it has fewer labyrinths or shifts, and grows. A dataset in
     an object store, where files are not replaced all at once, cannot grow.
@@ -148,8 +146,8 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
     folder = job.folder
     if not (folder / MANIFEST).is_file():
         return None
-    manifest = Manifest.read(folder, renamed=True)  # The message below names what differs.
-    there, asked = manifest.config, job.dataset
+    data = Dataset.at(folder, renamed=True)  # The message below names what differs.
+    there, asked = data.manifest.config, job.dataset
     differing = "; ".join(
         f"{there.given(each.name)}, not {asked.given(each.name)}"
         for each in fields(there)
@@ -161,7 +159,7 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
     if differing and can_grow and not job.options.grow:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
-            f"another data_dir{_what_refers_to(manifest, job)}"
+            f"another data_dir{_what_refers_to(data.manifest, job)}"
         )
     if differing and same and not more and job.options.grow:
         shifts = ",".join(shift for shift in SHIFTS if shift in {*there.shifts, *asked.shifts})
@@ -174,7 +172,7 @@ def _there(job: Job[BuildOptions]) -> Manifest | None:
             f"{folder} holds a dataset with {differing}: "
             "choose another data_dir, or give overwrite=true to replace it"
         )
-    return manifest
+    return data
 
 
 def _what_refers_to(manifest: Manifest, job: Job[BuildOptions]) -> str:
@@ -188,119 +186,154 @@ def _what_refers_to(manifest: Manifest, job: Job[BuildOptions]) -> str:
     return f"; {refers}" if found else ""
 
 
-def _mend(job: Job[BuildOptions], workplace: Workplace, manifest: Manifest, plan_of: Plan) -> None:
-    """Make the damaged and missing files of a finished dataset again, and say which."""
-    lacks = workplace.lacks(manifest)
-    if not lacks:
-        say(f"{job.folder} is complete already.")
-        return
-    # The table is made from the facts of all shards.
-    again = {
-        shard.path: ShardThere(workplace.folder / shard.path, shard)
-        for shard in manifest.shards
-        if shard.path in lacks or TABLE in lacks
-    }
-    workplace.begin(job.dataset)
-    jobs = [
-        replace(job, path=there.path, there=there)
-        for job in plan_of(None)[0]
-        if (there := again.get(job.path.name))
-    ]
-    made = {shard.path for shard in _made(job, jobs)}
-    if missing := [name for name in again if name not in made]:
-        raise DatasetError(not_as_it_was(job.folder / missing[0]))
-    if TABLE in lacks:
-        _tabulate(workplace, job.folder, jobs, manifest.labyrinths)
-    say(f"{job.folder} is complete again; repaired: {', '.join(lacks)}.")
+@dataclass(frozen=True)
+class Build:
+    """The work of making the dataset of a job."""
 
+    job: Job[BuildOptions]
+    workplace: Workplace
+    cells_per_shard: int
+    cells_per_chunk: tuple[int, int]
 
-def _build(
-    job: Job[BuildOptions], workplace: Workplace, shorter: Manifest | None, plan_of: Plan
-) -> Manifest:
-    """Build the whole dataset, from its parts if it has any, and return its manifest."""
-    try:
-        workplace.prepare(job.dataset, overwrite=job.options.overwrite)
-        jobs, form = plan_of(shorter)
-        parts = workplace.parts
-        shards = _joined(job, jobs, parts) if parts else _made(job, jobs)
-        _check_shifts(job.dataset, shards)
-        labyrinths = _tabulate(workplace, workplace.shards, jobs)
-        manifest = Manifest(job.dataset, build_versions(), shards, labyrinths, form)
-        workplace.commit(manifest)
-    except ConfigError:  # There are too few labyrinths, so the shards are of no use.
-        workplace.clear()
-        raise
-    except OSError as error:
-        if workplace.abandon():
-            raise
-        kept = f"finished shards are kept in {workplace.building} for the next run"
-        raise DatasetError(f"{error}; {kept}") from error
-    except BaseException:
-        workplace.abandon()
-        raise
-    return manifest
+    def plan(self, existing: Dataset | None = None) -> tuple[list[ShardJob], int]:
+        """Return the jobs of all shards, in the order of the manifest, and the manifest's format.
 
+        Workers draw the candidates if there are many.
 
-def plan(
-    job: Job[BuildOptions],
-    workplace: Workplace,
-    cells_per_shard: int,
-    cells_per_chunk: tuple[int, int],
-    shorter: Manifest | None,
-) -> tuple[list[ShardJob], int]:
-    """Return the jobs of all shards, in the order of the manifest, and the manifest's format.
+        Args:
+            existing: The dataset in the same folder if it grows, else None.
 
-    Workers draw the candidates if there are many.
+        Raises:
+            ConfigError: There are too few labyrinths.
+            DatasetError: The dataset cannot grow.
+        """
+        config, building = self.job.dataset, self.workplace.building
+        candidates = Candidates(config, self._draw, cells=self.cells_per_chunk)
+        sampled = sample(config, candidates)
+        size = max(1, self.cells_per_shard // (config.height * config.width))
+        shards = -(-config.labyrinths // size)
+        there = {} if existing is None else _shards_there(existing, sampled.structures)
+        jobs = []
+        for split in config.splits:
+            of_split = sampled.structures[SPLITS[split].parent or split]
+            for first in range(0, config.labyrinths, size):
+                structures = of_split[first : first + size]
+                name = f"{split}-{first // size:05d}-of-{shards:05d}.parquet"
+                found = there.get((split, structures["id"].tobytes()))
+                path = self.workplace.shards / name
+                jobs.append(ShardJob(config, split, first, structures, path, building, found))
+        if existing is not None:
+            stay = sum(job.there is not None for job in jobs)
+            say(f"{self.job.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
+        in_one_chunk = sampled.candidates <= candidates.first.size
+        return jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
 
-    Args:
-        job: The options, and the dataset to make.
-        workplace: The folders of the build.
-        cells_per_shard: As for `build`.
-        cells_per_chunk: As for `build`.
-        shorter: The manifest of the dataset in the same folder if it grows, else None.
-
-    Raises:
-        ConfigError: There are too few labyrinths.
-        DatasetError: The dataset cannot grow.
-    """
-    config, building = job.dataset, workplace.building
-
-    def draw(chunks: Sequence[Chunk]) -> Iterator[Records]:
+    def _draw(self, chunks: Sequence[Chunk]) -> Iterator[Records]:
+        """Draw chunks of candidates by workers, and yield their records."""
+        building, options = self.workplace.building, self.job.options
         jobs = [(chunk, building) for chunk in chunks]
-        if (
-            job.options.numbers is not None
-        ):  # Each part draws its own chunks first, then those still missing.
-            part, parts = job.options.numbers
+        if options.numbers is not None:  # A part draws its own first, then those still missing.
+            part, parts = options.numbers
             own = len(jobs) * (part - 1) // parts
             jobs = jobs[own:] + jobs[:own]
-        drawn = ordered_map(draw_chunk, jobs, job.options.workers)
+        drawn = ordered_map(draw_chunk, jobs, options.workers)
         for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
             pass
         return (chunk.read(building) for chunk in chunks)
 
-    candidates = Candidates(config, draw, cells=cells_per_chunk)
-    sampled = sample(config, candidates)
-    size = max(1, cells_per_shard // (config.height * config.width))
-    shards = -(-config.labyrinths // size)
-    there = {} if shorter is None else _shards_there(job.folder, shorter, sampled.structures)
-    jobs = []
-    for split in config.splits:
-        of_split = sampled.structures[SPLITS[split].parent or split]
-        for first in range(0, config.labyrinths, size):
-            structures = of_split[first : first + size]
-            name = f"{split}-{first // size:05d}-of-{shards:05d}.parquet"
-            found = there.get((split, structures["id"].tobytes()))
-            path = workplace.shards / name
-            jobs.append(ShardJob(config, split, first, structures, path, building, found))
-    if shorter is not None:
-        stay = sum(job.there is not None for job in jobs)
-        say(f"{job.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
-    in_one_chunk = sampled.candidates <= candidates.first.size
-    return jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
+    def whole(self, existing: Dataset | None) -> Manifest:
+        """Build the whole dataset, from its parts if it has any, and return its manifest."""
+        config, workplace = self.job.dataset, self.workplace
+        try:
+            workplace.prepare(config, overwrite=self.job.options.overwrite)
+            jobs, form = self.plan(existing)
+            shards = self._joined(jobs) if workplace.parts else self.made(jobs)
+            _check_shifts(config, shards)
+            labyrinths = self._tabulate(workplace.shards, jobs)
+            manifest = Manifest(config, build_versions(), shards, labyrinths, form)
+            workplace.commit(manifest)
+        except ConfigError:  # There are too few labyrinths, so the shards are of no use.
+            workplace.clear()
+            raise
+        except OSError as error:
+            if workplace.abandon():
+                raise
+            kept = f"finished shards are kept in {workplace.building} for the next run"
+            raise DatasetError(f"{error}; {kept}") from error
+        except BaseException:
+            workplace.abandon()
+            raise
+        return manifest
+
+    def mend(self, data: Dataset) -> None:
+        """Make the damaged and missing files of a finished dataset again, and say which."""
+        folder, manifest = self.job.folder, data.manifest
+        lacks = self.workplace.lacks(manifest)
+        if not lacks:
+            say(f"{folder} is complete already.")
+            return
+        # The table is made from the facts of all shards.
+        again = {
+            shard.path: ShardThere(self.workplace.folder / shard.path, shard)
+            for shard in manifest.shards
+            if shard.path in lacks or TABLE in lacks
+        }
+        self.workplace.begin(self.job.dataset)
+        jobs = [
+            replace(job, path=there.path, there=there)
+            for job in self.plan()[0]
+            if (there := again.get(job.path.name))
+        ]
+        made = {shard.path for shard in self.made(jobs)}
+        if missing := [name for name in again if name not in made]:
+            raise DatasetError(not_as_it_was(folder / missing[0]))
+        if TABLE in lacks:
+            self._tabulate(folder, jobs, manifest.labyrinths)
+        say(f"{folder} is complete again; repaired: {', '.join(lacks)}.")
+
+    def made(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
+        """Make the shards of jobs by workers."""
+        made = ordered_map(make_shard, jobs, self.job.options.workers)
+        total = sum(len(job.structures) for job in jobs)
+        return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
+
+    def _joined(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
+        """Return the shards that parts have finished; raise DatasetError if one is missing."""
+        parts = self.workplace.parts or 1
+        found = list(ordered_map(finished, jobs, self.job.options.workers))
+        missing = [number for number, shard in enumerate(found) if shard is None]
+        if missing:
+            of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))
+            more = f" and {len(of) - 8} others" if len(of) > 8 else ""
+            raise DatasetError(
+                f"{self.job.folder}: {len(missing)} of {count(len(jobs), 'shard')} missing, those "
+                f"of part {', '.join(of[:8])}{more}; this command with part={of[0]} makes the "
+                "first of them"
+            )
+        return tuple(shard for shard in found if shard is not None)
+
+    def _tabulate(
+        self, folder: AnyPath, jobs: Sequence[ShardJob], expected: TableFile | None = None
+    ) -> TableFile:
+        """Write the table of labyrinths from the sidecars of the shards.
+
+        Args:
+            folder: The folder of the table.
+            jobs: The jobs of all shards, which are finished, in their order.
+            expected: The size and hash that the table must have, if known; another table raises a
+                DatasetError and is not written.
+        """
+        with new_file(folder / TABLE, self.workplace.building) as path:
+            sidecars = map(Sidecar.read, jobs)
+            parts = ((sidecar.shard, sidecar.facts) for sidecar in sidecars)
+            written = write_table(path, self.job.dataset, parts)
+            if expected not in (None, written):
+                raise DatasetError(not_as_it_was(folder / TABLE))
+            return written
 
 
 def _shards_there(
-    folder: AnyPath, shorter: Manifest, structures: Mapping[str, Records]
+    data: Dataset, structures: Mapping[str, Records]
 ) -> dict[tuple[str, bytes], ShardThere]:
     """Return the shards of the dataset that grows, by their split and the ids of their structures.
 
@@ -308,52 +341,32 @@ def _shards_there(
     built with other versions of libraries, which may give other bytes.
 
     Args:
-        folder: The folder of the shorter dataset.
-        shorter: Its manifest.
+        data: The shorter dataset.
         structures: The structures of the longer dataset, for each split that has its own.
 
     Raises:
         DatasetError: The longer dataset would lack labyrinths of the shorter one, or the table of
             the shorter one is missing or damaged.
     """
-    ids, row = structures_in(folder, shorter), 0
+    ids, row = structures_in(data), 0
     there: dict[tuple[str, bytes], ShardThere] = {}
     of_shards: dict[str, list[NDArray[np.int64]]] = {}
-    for split in shorter.config.splits:
+    for split in data.manifest.config.splits:
         own, begin = of_shards.setdefault(split, []), row
-        for shard in shorter.of(split):
-            own.append(ids[row : row + shard.labyrinths])
-            its = of_shards[SPLITS[split].parent or split][len(own) - 1]
-            there[split, its.tobytes()] = ShardThere(folder / shard.path, shard, row)
-            row += shard.labyrinths
+        for file in data.files(split):
+            end = row + file.shard.labyrinths
+            own.append(ids[row:end])
+            of_parent = of_shards[SPLITS[split].parent or split][len(own) - 1]
+            there[split, of_parent.tobytes()] = ShardThere(file.path, file.shard, row)
+            row = end
         if SPLITS[split].parent is None:
             longer = structures[split]["id"]
             if not np.array_equal(ids[begin:row], longer[: row - begin]):
                 raise DatasetError(
-                    f"{folder} holds labyrinths that are not in the dataset with more labyrinths "
-                    "or shifts: choose another data_dir, or give overwrite=true"
+                    f"{data.folder} holds labyrinths that are not in the dataset with more "
+                    "labyrinths or shifts: choose another data_dir, or give overwrite=true"
                 )
-    return there if dict(shorter.versions) == build_versions() else {}
-
-
-def _made(job: Job[BuildOptions], jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
-    made = ordered_map(make_shard, jobs, job.options.workers)
-    total = sum(len(job.structures) for job in jobs)
-    return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
-
-
-def _joined(job: Job[BuildOptions], jobs: Sequence[ShardJob], parts: int) -> tuple[Shard, ...]:
-    """Return the shards that parts have finished; raise DatasetError if one is missing."""
-    found = list(ordered_map(finished, jobs, job.options.workers))
-    missing = [number for number, shard in enumerate(found) if shard is None]
-    if missing:
-        of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))
-        more = f" and {len(of) - 8} others" if len(of) > 8 else ""
-        raise DatasetError(
-            f"{job.folder}: {len(missing)} of {count(len(jobs), 'shard')} missing, those of part "
-            f"{', '.join(of[:8])}{more}; this command with part={of[0]} makes the first of them"
-        )
-    return tuple(shard for shard in found if shard is not None)
+    return there if dict(data.manifest.versions) == build_versions() else {}
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
@@ -367,32 +380,10 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
             )
 
 
-def _tabulate(
-    workplace: Workplace,
-    folder: AnyPath,
-    jobs: Sequence[ShardJob],
-    expected: TableFile | None = None,
-) -> TableFile:
-    """Write the table of labyrinths from the sidecars of the shards.
-
-    Args:
-        workplace: The folders of the build.
-        folder: The folder of the table.
-        jobs: The jobs of all shards, which are finished, in their order.
-        expected: The size and hash that the table must have, if known; another table raises a
-            DatasetError and is not written.
-    """
-    with new_file(folder / TABLE, workplace.building) as path:
-        written = write_table(path, jobs[0].config, (left(job)[1:] for job in jobs))
-        if expected not in (None, written):
-            raise DatasetError(not_as_it_was(folder / TABLE))
-        return written
-
-
 def _loading_line(job: Job[BuildOptions]) -> str:
     """Return the line of Python that loads the dataset of a run."""
     place = str(job.data_dir)
-    whole = str(job.data_dir.absolute()) if isinstance(job.data_dir, Path) else place
+    whole = str(job.data_dir.absolute())
     # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
     is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
     load = "load_transitions" if is_strange or "://" in place else "load_dataset"

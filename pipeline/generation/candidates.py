@@ -17,16 +17,11 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import CELLS_PER_CHUNK, candidates
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.world.labyrinth import Structure
-from labyrinth_core.world.sampling import sample_structures
-from pipeline.generation.labyrinths import DRAWING, holds_task
-
-CELLS_PER_CHUNK = 1_638_400, 204_800
-"""The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
 
 UNFIT = -1
 """In place of the split of a candidate that no split can use, or that repeats one in its chunk."""
@@ -70,23 +65,8 @@ class Chunk:
 
     def candidates(self) -> Iterator[tuple[Structure, int]]:
         """Yield the chunk's candidates, then others without end, each with its split's index."""
-        config, key = self.config, (self.number, DRAWING) if self.number else ()
-        structures = sample_structures(
-            config.height,
-            config.width,
-            np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key)),
-            algorithm=config.sampler,
-            open_walls=config.open_walls,
-        )
-        seen: set[str] = set()
-        for structure in structures:
-            place = UNFIT
-            if structure.structure_id not in seen:
-                seen.add(structure.structure_id)
-                split = bucket_of(config, structure)
-                if split is not None and holds_task(config, split, structure):
-                    place = SAMPLED_SPLITS.index(split)
-            yield structure, place
+        for structure, split in candidates(self.config, self.number):
+            yield structure, UNFIT if split is None else SAMPLED_SPLITS.index(split)
 
     def records(self) -> Records:
         """Draw the candidates of the chunk."""

@@ -18,6 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.dataset import ShardFile
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
@@ -72,15 +74,15 @@ def run(job: Job[WorkersOption]) -> None:
         ValidationError: The dataset is wrong; the message names file, row and field.
         DatasetError: The dataset does not exist.
     """
-    manifest = Manifest.read(job.folder)
-    problems = validate(job.folder, manifest, job.options.workers)
-    valid = [f"{job.folder} is valid: {sum(s.rows for s in manifest.shards):,} rows replayed."]
+    data, workers = Dataset.at(job.folder), job.options.workers
+    problems = validate(data, workers)
+    rows = sum(shard.rows for shard in data.manifest.shards)
+    valid = [f"{job.folder} is valid: {rows:,} rows replayed."]
     for kind in companions():
-        if (made := kind.of(job.data_dir, manifest)) is not None:
-            folder = job.data_dir / kind.config(job.dataset.name)
-            problems += kind.problems(job.folder, manifest, folder, made, job.options.workers)
-            rows = sum(shard.rows for shard in made.shards)
-            valid.append(f"{folder} is valid: {rows:,} {kind.suffix}.")
+        if (made := kind.of(job.data_dir, data.manifest)) is not None:
+            problems += kind.problems(data, made, workers)
+            rows = sum(shard.rows for shard in made.manifest.shards)
+            valid.append(f"{made.folder} is valid: {rows:,} {kind.suffix}.")
     if problems:
         raise ValidationError(job.folder, problems)
     for line in valid:
@@ -98,28 +100,28 @@ class ShardReport:
     There may be millions."""
 
 
-def validate(folder: AnyPath, manifest: Manifest, workers: int = 1) -> list[str]:
+def validate(data: Dataset, workers: int = 1) -> list[str]:
     """Return what is wrong with a dataset, one line for each problem.
 
     Args:
-        folder: The folder of the shards.
-        manifest: The manifest of the dataset.
+        data: The dataset.
         workers: The number of processes.
     """
-    problems, comparable = table_file_problems(folder, manifest)
+    manifest = data.manifest
+    problems, comparable = table_file_problems(data)
     try:
-        train = _train(folder, manifest)
+        train = _train(data)
     except DatasetError as error:
         train, shifts = Train(), ", ".join(selected_shifts(manifest.config))
         problems.append(f"{shifts}: not compared with train, which cannot be read: {error}")
-    jobs = list(_jobs(folder, manifest, comparable, train))
+    jobs = list(_jobs(data, comparable, train))
     reports = tracked(
         ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
     listed = {TABLE, *(shard.path for shard in manifest.shards)}
-    unlisted = sorted({path.name for path in folder.glob("*.parquet")} - listed)
+    unlisted = sorted({path.name for path in data.folder.glob("*.parquet")} - listed)
     problems += [f"{name} is not in the manifest" for name in unlisted if not is_litter(name)]
     own: list[ShardReport] = []
     for report in reports:
@@ -135,7 +137,7 @@ def check_shard(job: CheckJob) -> ShardReport:
 
     path = job.shard.path
     try:
-        with local_copy(job.folder / path) as local:
+        with local_copy(job.file.path) as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
             with open_shard(local) as file, no_garbage_collection():
@@ -168,7 +170,7 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
             begins.append(found.first)
     except DatasetError as error:
         assert job.parent is not None
-        why = f"{job.parent.path}, which cannot be read: {one_line(error)}"
+        why = f"{job.parent.shard.path}, which cannot be read: {one_line(error)}"
         unreadable.append(f"{shard.path} cannot be compared with {why}")
     lines = [f"{shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += unreadable
@@ -206,20 +208,21 @@ def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
     return {split: [shard for shard in shards if shard.split == split] for split in splits}
 
 
-def _jobs(
-    folder: AnyPath, manifest: Manifest, with_table: bool, train: Train
-) -> Iterator[CheckJob]:
+def _jobs(data: Dataset, with_table: bool, train: Train) -> Iterator[CheckJob]:
     """Yield the job of each shard; a labyrinth with a parent has the parent's number."""
+    manifest = data.manifest
     same_bytes = dict(manifest.versions) == build_versions()
-    shards_of, table_row = _shards_of(manifest), 0
-    for split, shards in shards_of.items():
+    splits, table_row = manifest.config.splits, 0
+    files_of: dict[str, list[ShardFile]] = {split: [] for split in splits}
+    for file in data.files():
+        files_of.setdefault(file.shard.split, []).append(file)
+    for split in splits:
         parent = SPLITS[split].parent
-        numbered = shards_of[parent] if parent else shards
+        numbered = files_of[parent or split]
         first = first_row = 0
-        for shard, of_parent in zip(shards, numbered, strict=False):
+        for file, of_parent in zip(files_of[split], numbered, strict=False):
             yield CheckJob(
-                folder,
-                shard,
+                file,
                 manifest.config,
                 first,
                 first_row,
@@ -228,22 +231,22 @@ def _jobs(
                 parent=of_parent if parent else None,
                 table_row=table_row if with_table else None,
             )
-            first += of_parent.labyrinths
-            first_row += shard.rows
-            table_row += shard.labyrinths
+            first += of_parent.shard.labyrinths
+            first_row += file.shard.rows
+            table_row += file.shard.labyrinths
 
 
-def _train(folder: AnyPath, manifest: Manifest) -> Train:
+def _train(data: Dataset) -> Train:
     """Return the properties of train that the shifts of a dataset need.
 
     Raises:
         DatasetError: Train cannot be read.
     """
-    config = manifest.config
+    config = data.manifest.config
     if not selected_shifts(config):
         return Train()
     cells = config.height * config.width
-    routes = (route for shard in manifest.of("train") for route in routes_of(folder, shard))
+    routes = (route for file in data.files("train") for route in routes_of(file))
     of_labyrinths = groupby(routes, lambda route: route.labyrinth)
     return train_of(
         config,
@@ -271,11 +274,11 @@ def _repeated(reports: Sequence[ShardReport]) -> Iterator[str]:
         yield f"{here} row {rows[index]} info: the structure is also in {also}"
 
 
-def table_file_problems(folder: AnyPath, manifest: Manifest) -> tuple[list[str], bool]:
+def table_file_problems(data: Dataset) -> tuple[list[str], bool]:
     """Return what is wrong with the table of labyrinths as a file, and if rows can be compared."""
     import pyarrow as pa
 
-    path = folder / TABLE
+    path, manifest = data.folder / TABLE, data.manifest
     try:
         problems = []
         digest, expected = file_sha256(path), manifest.table.sha256
@@ -310,7 +313,7 @@ def table_problems(job: CheckJob, facts: Facts, first: int) -> Iterator[str]:
     import pyarrow as pa
 
     try:
-        found = table_part(job.folder / TABLE, first, len(facts))
+        found = table_part(job.file.folder / TABLE, first, len(facts))
     except (OSError, ValueError, pa.ArrowException) as error:
         yield f"{TABLE} cannot be read: {one_line(error)}"
         return

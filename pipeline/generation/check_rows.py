@@ -14,16 +14,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Part
+from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import Solution, solve
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.format import NUMBERS
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
-from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from pipeline.generation.labyrinths import Solution, labyrinth_and_parent, solve
+from pipeline.generation.labyrinths import labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row
 from pipeline.generation.shifts import Train
@@ -33,8 +34,7 @@ from pipeline.generation.shifts import Train
 class CheckJob:
     """All that a worker needs to check one shard."""
 
-    folder: AnyPath
-    shard: Shard
+    file: ShardFile
     config: DatasetConfig
     first: int
     """The number in its split of the first labyrinth in the shard, or in `parent` if given."""
@@ -44,10 +44,15 @@ class CheckJob:
     """Whether pictures must be equal byte for byte, because the manifest's libraries are used."""
     train: Train
     """The properties of train."""
-    parent: Shard | None = None
+    parent: ShardFile | None = None
     """The shard with the parents of this shard's labyrinths, if they have parents."""
     table_row: int | None = None
     """The row of its first labyrinth in the table of labyrinths; None skips the comparison."""
+
+    @property
+    def shard(self) -> Shard:
+        """The shard, as the manifest describes it."""
+        return self.file.shard
 
 
 class Problem(NamedTuple):
@@ -85,23 +90,21 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
     """Yield the rows of a file up to the first with a null, which is added to `problems`."""
     import pyarrow.compute as pc
 
-    first = 0
+    first, names = 0, [column.name for column in NUMBERS]
     # A row group is read at once, unless it has very many rows.
     batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
     for batch in chain.from_iterable(batches):
         obs = (pc.struct_field(batch["obs"], name) for name in ("bytes", "path"))
-        plain = (batch[name] for name in ("actions", "rewards", "episode_starts", "info"))
+        plain = (batch[name] for name in (*names, "info"))
         columns = [values_of(column) for column in (*obs, *plain)]
         del batch  # It holds the pictures a second time.
         rows = zip(*columns, strict=True)
-        for number, (picture, path, action, paid, starts, info) in enumerate(rows, start=first):
-            row = Row(picture, path, action, paid, starts, info, b"")
-            if None in row:
-                missing = next(name for name, value in row._asdict().items() if value is None)
-                column = missing.removesuffix("_path")
+        for number, (picture, path, *numbers, info) in enumerate(rows, start=first):
+            if None in (values := (picture, path, *numbers, info)):
+                column = ("obs", "obs", *names, "info")[values.index(None)]
                 problems.append(Problem(number, column, "no value"))
                 return
-            yield row
+            yield Row(picture, path, tuple(numbers), info, b"")
         first += len(columns[0])
 
 
@@ -118,7 +121,7 @@ def labyrinths_of(rows: Iterable[Row]) -> Iterator[Found]:
             assert row is not None
             if row.info != text:
                 is_next = following is not None and following.info == row.info
-                if text is None or row.episode_starts or is_next:
+                if text is None or row.starts or is_next:
                     labyrinth, text = labyrinth + 1, row.info
             yield labyrinth, number, row
 
@@ -154,7 +157,7 @@ def made_again(
 
 
 def _of_parent(
-    job: CheckJob, parent: Shard, labyrinths: Iterator[Found], problems: list[Problem]
+    job: CheckJob, parent: ShardFile, labyrinths: Iterator[Found], problems: list[Problem]
 ) -> Iterator[tuple[Found, Remade]]:
     """Do the work of `made_again` with the structures in the parent's shard.
 
@@ -162,7 +165,7 @@ def _of_parent(
     """
     pattern = re.compile(rf"{job.shard.split}-(\d{{6,9}})-", re.ASCII)
     found, before = next(labyrinths, None), ""
-    for number, structure in enumerate(_structures_of(job.folder, parent), start=job.first):
+    for number, structure in enumerate(_structures_of(parent), start=job.first):
         try:
             right = _remade(job, number, structure)
         except LabyrinthError:
@@ -173,25 +176,25 @@ def _of_parent(
         named = pattern.match(found.picture) if found else None
         if found is None or (named and int(named[1]) > number):
             row = found.first if found else job.shard.rows
-            what = f"the labyrinth made from labyrinth {number} of {parent.split} is missing"
+            what = f"the labyrinth made from labyrinth {number} of {parent.shard.split} is missing"
             problems.append(Problem(row, "info", what))
         else:
             yield found, right
             found = next(labyrinths, None)
     others = chain([found] if found else [], labyrinths)
-    without = f"a labyrinth that is not made from any of {parent.split}"
+    without = f"a labyrinth that is not made from any of {parent.shard.split}"
     problems += (Problem(other.first, "info", without) for other in others)
 
 
-def _structures_of(folder: AnyPath, shard: Shard) -> Iterator[Structure]:
+def _structures_of(file: ShardFile) -> Iterator[Structure]:
     """Yield the structure of each labyrinth of a shard; raise DatasetError if it is damaged."""
-    blocks = Part(folder, [shard]).rows(pictures=False)
+    blocks = file.rows(pictures=False)
     infos = (rows.texts[n] for rows in blocks for n in rows.info[rows.episode_starts].tolist())
     for info, _ in groupby(infos):
         try:
             yield parse(info).structure
         except LabyrinthError as error:
-            reason = f"{folder / shard.path} cannot be read: {one_line(error)}"
+            reason = f"{file.path} cannot be read: {one_line(error)}"
             raise DatasetError(reason) from error
 
 
@@ -273,9 +276,11 @@ def _differing(found: Row, right: Row, *, same_bytes: bool) -> Iterator[tuple[st
     """Yield the columns in which a row differs from the one that was made again, and how."""
     if found.info != right.info:
         yield "info", "not the labyrinth that the episode began with"
-    for name in ("obs_path", "actions", "rewards", "episode_starts"):
-        if (value := getattr(found, name)) != (its := getattr(right, name)):
-            yield name.removesuffix("_path"), f"{value!r:.99}, not {its!r}"
+    names = "obs", *(column.name for column in NUMBERS)
+    values, others = ((row.obs_path, *row.numbers) for row in (found, right))
+    for name, value, other in zip(names, values, others, strict=True):
+        if value != other:
+            yield name, f"{value!r:.99}, not {other!r}"
     if found.obs != right.obs:
         try:
             picture = _decoded(found.obs)

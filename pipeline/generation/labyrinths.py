@@ -1,57 +1,25 @@
-"""Make the labyrinth of a structure in each split, and its episodes."""
+"""Make the labyrinth of a structure in each split, also in those derived from others."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
-from functools import partial
 from itertools import pairwise
 from typing import NamedTuple
 
-import numpy as np
-
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import ACTING, item_rng, own_labyrinth
 from labyrinth_core.data.splits import SHIFTS, SPLITS
-from labyrinth_core.world.dynamics import Episode, random_episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
-from labyrinth_core.world.solver import (
-    erring_route,
-    moves_and_routes,
-    moves_of,
-    shortest_route,
-    shortest_routes,
-    simple_routes,
-)
+from labyrinth_core.world.dynamics import replay
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.solver import moves_of, shortest_route
 from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
     change_start_and_goal,
-    default_start_and_goal,
-    draw_start_and_goal,
-    place,
     tiles_matter,
 )
-
-TASKS_WITHOUT_TILES = (Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY)
-
-PLACING, ACTING, DRAWING = 0, 1, 2
-"""The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
-
-
-def item_rng(
-    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
-) -> np.random.Generator:
-    """Return a generator for one structure in one split, independent of all others.
-
-    Args:
-        config: The configuration of the dataset.
-        split: A split of the dataset.
-        structure: The structure; its id is part of the key.
-        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
-    """
-    key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
-    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
 
 
 def labyrinth_and_parent(
@@ -73,7 +41,10 @@ def labyrinth_and_parent(
         return own_labyrinth(config, split, structure), None
     parent = own_labyrinth(config, kind.parent, structure)
     if kind.new_structure:
-        return twin(config, parent), parent
+        made = NEW_STRUCTURES[split].make(config, parent)
+        if (bucket := bucket_of(config, made.structure)) != kind.bucket:
+            raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
+        return made, parent
     if kind.new_start and kind.new_goal:
         return change_start_and_goal(parent, item_rng(config, split, structure)), parent
     if kind.new_start:
@@ -103,36 +74,6 @@ def numbered_labyrinths(
         if labyrinth != before:
             yield number, labyrinth, parent
         before = labyrinth
-
-
-def own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the labyrinth of a structure in a split without a parent.
-
-    Raises:
-        LabyrinthError: The structure cannot hold the task.
-    """
-    if config.goals == "varied":
-        return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
-    start, goal = default_start_and_goal(config.height, config.width)
-    if config.task in TASKS_WITHOUT_TILES:  # Nothing is drawn.
-        return Labyrinth(structure, start, goal, config.task)
-    return place(structure, start, goal, config.task, item_rng(config, split, structure))
-
-
-def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
-    """Return whether a structure can hold the task, also with another start and goal.
-
-    Train, validation and test have the same requirement, so that they have the same distribution.
-    """
-    if config.task in TASKS_WITHOUT_TILES:
-        return True
-    try:
-        labyrinth = own_labyrinth(config, split, structure)
-        change_start(labyrinth, item_rng(config, "s0", structure))
-        change_start_and_goal(labyrinth, item_rng(config, "s0_and_g", structure))
-    except LabyrinthError:
-        return False
-    return True
 
 
 def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
@@ -180,6 +121,24 @@ def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) 
     return "a demonstrated route is open still, and as short as any"
 
 
+class NewStructure(NamedTuple):
+    """How a shift makes a labyrinth with another structure from a labyrinth of its parent.
+
+    Labyrinths whose structure is not in the shift's `bucket` are left out, since another dataset
+    may train on it.
+    """
+
+    make: Callable[[DatasetConfig, Labyrinth], Labyrinth]
+    """Returns the labyrinth, always the same one, given its parent; raises LabyrinthError if there
+    is none."""
+    problem: Callable[[DatasetConfig, Labyrinth, Labyrinth], str | None]
+    """Returns why a labyrinth, the second one, cannot be made from its parent; None if it can."""
+
+
+NEW_STRUCTURES = {"one_wall": NewStructure(twin, twin_problem)}
+"""Each shift with `new_structure` -> how its labyrinths are made."""
+
+
 def toggled(structure: Structure, cell: int, beside: int) -> Structure:
     """Return a structure with the passage between two neighbouring cells opened or shut."""
     low, high = min(cell, beside), max(cell, beside)
@@ -212,7 +171,7 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     for cell, beside in walls(structure):
         there = from_start[cell] + 1 + to_goal[beside]
         back = from_start[beside] + 1 + to_goal[cell]
-        if labyrinth.key is not None or min(there, back) < moves:
+        if not labyrinth.task.rules.is_reversible or min(there, back) < moves:
             yield cell, beside
 
 
@@ -221,51 +180,3 @@ def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple
     rng = item_rng(config, "train", labyrinth.structure, ACTING)
     cells = [state.agent for state in replay(labyrinth, shortest_route(labyrinth, rng)).states]
     return ((min(pair), max(pair)) for pair in pairwise(cells))
-
-
-class Solution(NamedTuple):
-    """The episodes of one labyrinth, at least one."""
-
-    episodes: list[Episode]
-    shortest: tuple[int, int]
-    """The number of moves of a shortest route, and the number of such routes."""
-
-    @property
-    def labyrinth(self) -> Labyrinth:
-        """The labyrinth, which all episodes share."""
-        return self.episodes[0].labyrinth
-
-
-def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
-    """Return the episodes of a labyrinth, in order.
-
-    Args:
-        config: The configuration, which selects the routes.
-        split: The split of the labyrinth; in `random` a random policy acts instead.
-        labyrinth: The labyrinth to solve.
-    """
-    kind = SPLITS[split]
-    # A shift that changes only pictures uses the randomness of its parent.
-    drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
-    make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
-    if split == "random":
-        episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-    elif config.noise:
-        episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
-    elif config.solutions == "shortest":
-        episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
-    else:
-        enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
-        routes = enumerate_routes(labyrinth, config.solutions_limit)
-        episodes = [replay(labyrinth, route) for route in routes]
-    return Solution(episodes, moves_and_routes(labyrinth))
-
-
-def _random_episodes(
-    labyrinth: Labyrinth, rng: np.random.Generator, steps: int
-) -> Iterator[Episode]:
-    """Yield episodes of a random policy with `steps` steps in total; the last one is cut off."""
-    while steps:
-        episode = random_episode(labyrinth, rng, steps)
-        steps -= len(episode)
-        yield episode

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import moves_of
 from labyrinth_core.world.tasks import manhattan, tiles_matter
-from pipeline.generation.labyrinths import Solution, twin_problem
+from pipeline.generation.labyrinths import NEW_STRUCTURES
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
 
@@ -42,7 +43,7 @@ def labyrinth_problems(
     if labyrinth.look is not kind.look:
         yield f"its look is {labyrinth.look}, not {kind.look}"
     if parent is not None:
-        yield from _relation_problems(config, kind, labyrinth, parent)
+        yield from _relation_problems(config, split, labyrinth, parent)
     if split in SELECTED_SHIFTS:
         measures = Measures(moves_of(labyrinth), structure.loops, structure.junctions)
         problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
@@ -51,11 +52,12 @@ def labyrinth_problems(
 
 
 def _relation_problems(
-    config: DatasetConfig, kind: Split, labyrinth: Labyrinth, parent: Labyrinth
+    config: DatasetConfig, split: str, labyrinth: Labyrinth, parent: Labyrinth
 ) -> Iterator[str]:
     """Yield each difference between a labyrinth and its parent that the split does not allow."""
+    kind = SPLITS[split]
     if kind.new_structure:
-        if problem := twin_problem(config, parent, labyrinth):
+        if problem := NEW_STRUCTURES[split].problem(config, parent, labyrinth):
             yield problem
         return
     if labyrinth.structure != parent.structure:

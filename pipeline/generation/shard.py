@@ -16,13 +16,14 @@ from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, replace
 from itertools import islice, repeat
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import solve
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, arrow_schema
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, VALUES, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
@@ -31,7 +32,7 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import Episode, State
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import numbered_labyrinths, solve
+from pipeline.generation.labyrinths import numbered_labyrinths
 from pipeline.generation.table import (
     FACTS,
     Content,
@@ -65,7 +66,7 @@ WRITER_OPTIONS = {
     "compression_level": 1,
     "use_dictionary": ["info"],
     # The statistics of a column of pictures would hold whole pictures.
-    "write_statistics": ["actions", "rewards", "episode_starts"],
+    "write_statistics": [column.name for column in NUMBERS],
     "write_page_index": True,
     # With the schema, readers would get the texts as indices into a dictionary.
     "store_schema": False,
@@ -100,7 +101,7 @@ class ShardJob:
 
     @property
     def sidecar(self) -> AnyPath:
-        """The file that marks the shard as finished, and describes it: see `leave`."""
+        """The path of the shard's `Sidecar`."""
         return self.building / f"{self.path.name.removesuffix('.parquet')}.shard"
 
     @property
@@ -111,6 +112,49 @@ class ShardJob:
         of_all = sorted(config.items()), build_versions()
         parts = of_all, self.split, self.first, self.structures.tobytes()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
+
+
+class Sidecar(NamedTuple):
+    """What a worker leaves beside a shard that it has finished.
+
+    The file is a line of JSON, and the bytes of the facts.
+    """
+
+    shard: Shard
+    facts: Facts
+    """The facts of its labyrinths, for the table."""
+    mark: str
+    """A hash of the key of the job and of the facts."""
+
+    @classmethod
+    def of(cls, job: ShardJob, shard: Shard, facts: Facts) -> Sidecar:
+        """Return the sidecar of a finished job."""
+        return cls(shard, facts, hashlib.sha256(job.key.encode() + facts.tobytes()).hexdigest())
+
+    @classmethod
+    def read(cls, job: ShardJob) -> Sidecar:
+        """Read the sidecar in the place of a job's; `is_of` says whether it is that job's.
+
+        Raises:
+            FileNotFoundError: The shard is not finished.
+            ValueError, RecursionError: The file is damaged.
+        """
+        content = job.sidecar.read_bytes()
+        end = content.index(b"\n")
+        line = json.loads(content[:end])
+        if not isinstance(line, dict) or line.keys() != {"mark", "shard"}:
+            raise ValueError(f"{job.sidecar} marks no shard")
+        facts = np.frombuffer(content, FACTS, offset=end + 1)
+        return cls(Shard.from_json(line["shard"]), facts, line["mark"])
+
+    def is_of(self, job: ShardJob) -> bool:
+        """Return whether a job with the same key left this sidecar, with these facts."""
+        return self.mark == Sidecar.of(job, self.shard, self.facts).mark
+
+    def write(self, job: ShardJob) -> None:
+        """Write the file that marks the shard as finished."""
+        line = json.dumps({"mark": self.mark, "shard": asdict(self.shard)})
+        write_bytes(job.sidecar, f"{line}\n".encode() + self.facts.tobytes())
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -127,9 +171,9 @@ def finished(job: ShardJob) -> Shard | None:
     Either an earlier run made it, or it is copied from the finished dataset.
     """
     with suppress(FileNotFoundError, ValueError, RecursionError):
-        mark, shard, facts = left(job)
-        if mark == _mark(job, facts) and file_sha256(job.path) == shard.sha256:
-            return shard
+        sidecar = Sidecar.read(job)
+        if sidecar.is_of(job) and file_sha256(job.path) == sidecar.shard.sha256:
+            return sidecar.shard
     there = job.there
     if there is not None and there.table_row is not None:
         with suppress(FileNotFoundError):
@@ -138,7 +182,8 @@ def finished(job: ShardJob) -> Shard | None:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
                 facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
-                return leave(job, shard, facts)
+                Sidecar.of(job, shard, facts).write(job)
+                return shard
     return None
 
 
@@ -173,38 +218,8 @@ def make_shard(job: ShardJob) -> Shard:
         fingerprint=fingerprint,
         **content.counts,
     )
-    return leave(job, shard, content.facts())
-
-
-def leave(job: ShardJob, shard: Shard, facts: Facts) -> Shard:
-    """Write the sidecar that marks a shard as finished: a line of JSON, then the facts' bytes."""
-    line = json.dumps({"mark": _mark(job, facts), "shard": asdict(shard)})
-    write_bytes(job.sidecar, f"{line}\n".encode() + facts.tobytes())
+    Sidecar.of(job, shard, content.facts()).write(job)
     return shard
-
-
-def left(job: ShardJob) -> tuple[str, Shard, Facts]:
-    """Read the sidecar of a job: its mark, the shard and the facts; see `finished`.
-
-    Raises:
-        FileNotFoundError: The shard is not finished.
-        ValueError, RecursionError: The file is damaged.
-    """
-    content = job.sidecar.read_bytes()
-    end = content.index(b"\n")
-    line = json.loads(content[:end])
-    if not isinstance(line, dict) or line.keys() != {"mark", "shard"}:
-        raise ValueError(f"{job.sidecar} marks no shard")
-    return (
-        line["mark"],
-        Shard.from_json(line["shard"]),
-        np.frombuffer(content, FACTS, offset=end + 1),
-    )
-
-
-def _mark(job: ShardJob, facts: Facts) -> str:
-    """Return the hash of the key of a job and of the facts of its shard."""
-    return hashlib.sha256(job.key.encode() + facts.tobytes()).hexdigest()
 
 
 def _batches(job: ShardJob) -> Iterator[list[tuple[int, Labyrinth, Labyrinth | None]]]:
@@ -223,24 +238,40 @@ class Row(NamedTuple):
     """The picture as a PNG file."""
     obs_path: str
     """The name of the picture, unique in its config."""
-    actions: int
-    rewards: float
-    episode_starts: bool
+    numbers: tuple[Any, ...]
+    """The values of `format.NUMBERS`."""
     info: str
     picture_digest: bytes
     """The digest of its pixels, which is not a column."""
+
+    @property
+    def action(self) -> int:
+        """The value of `actions`."""
+        action: int = self.numbers[_ACTION]
+        return action
+
+    @property
+    def starts(self) -> bool:
+        """The value of `episode_starts`."""
+        return bool(self.numbers[_STARTS])
+
+
+_ACTION, _STARTS = (
+    [column.name for column in NUMBERS].index(name) for name in ("actions", "episode_starts")
+)
 
 
 class Fingerprint:
     """A hash of the values and pixels of rows, in their order.
 
-    It is the SHA-256 of these bytes of each row: the picture's digest, `actions` as int64,
-    `rewards` as float32, `episode_starts` as one byte (all little-endian), and the BLAKE2b hash of
-    `info` in UTF-8, sixteen bytes. It tells whether two datasets have the same content, whatever
-    their compression. Unlike the SHA-256 of each file, it does not protect against forgery.
+    It is the SHA-256 of these bytes of each row: the picture's digest, the columns of numbers in
+    their order (`actions` as int64, `rewards` as float32, `episode_starts` as one byte; all
+    little-endian), and the BLAKE2b hash of `info` in UTF-8, sixteen bytes. It tells whether two
+    datasets have the same content, whatever their compression. Unlike the SHA-256 of each file, it
+    does not protect against forgery.
     """
 
-    _NUMBERS = struct.Struct("<qf?")
+    _NUMBERS = struct.Struct("<" + "".join(column.struct for column in NUMBERS))
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -252,8 +283,8 @@ class Fingerprint:
             for info in {row.info for row in rows}
         }
         parts = [
-            digest + self._NUMBERS.pack(action, reward, starts) + texts[info]
-            for _, _, action, reward, starts, info, digest in rows
+            digest + self._NUMBERS.pack(*numbers) + texts[info]
+            for _, _, numbers, info, digest in rows
         ]
         self._hash.update(b"".join(parts))
 
@@ -275,9 +306,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
     for place, episode in enumerate(episodes):
         states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
         names = [f"{name}-{step:04d}.png" for step in range(len(states))]
-        actions = [*episode.actions.tolist(), NO_ACTION]
-        rewards = [*episode.rewards.tolist(), 0.0]
-        starts = [True, *repeat(False, len(states) - 1)]
+        numbers = [*zip(*(of(episode) for of in VALUES), strict=True)]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
         for first in range(0, len(states), DRAWN_AT_ONCE):
             part = slice(first, first + DRAWN_AT_ONCE)
@@ -285,8 +314,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
                 pngs, digests = pictures.draw(states[part])
             else:
                 pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
-            values = names[part], actions[part], rewards[part], starts[part]
-            yield list(map(Row, pngs, *values, repeat(info), digests))
+            yield list(map(Row, pngs, names[part], numbers[part], repeat(info), digests))
 
 
 class Pictures(dict[State, tuple[bytes, bytes]]):
@@ -335,7 +363,7 @@ def write(path: Path, parts: Iterable[list[Row]]) -> str:
         for part in parts:
             fingerprint.update(part)
             group += part
-            is_full = part[-1].actions == NO_ACTION and len(group) >= ROW_GROUP
+            is_full = part[-1].action == NO_ACTION and len(group) >= ROW_GROUP
             if is_full or len(group) * len(part[-1].obs) >= GROUP_BYTES:
                 writer.write_table(rows_table(group))
                 group = []
@@ -365,22 +393,22 @@ def rows_table(rows: list[Row]) -> pa.Table:
     import pyarrow as pa
 
     schema = written_schema()
-    pngs, names, actions, rewards, starts, infos, _ = zip(*rows, strict=True)
+    pngs, names, numbers, infos, _ = zip(*rows, strict=True)
     pictures = pa.StructArray.from_arrays(
         [text_array(pa.binary(), pngs), text_array(pa.string(), [name.encode() for name in names])],
         fields=list(schema.field("obs").type),
     )
-    numbers = [
-        value_array(pa.int64(), len(rows), np.array(actions, np.int64)),
-        value_array(pa.float32(), len(rows), np.array(rewards, np.float32)),
-        value_array(pa.bool_(), len(rows), np.packbits(starts, bitorder="little")),
-    ]
+    arrays = {"obs": pictures}
+    for column, values in zip(NUMBERS, zip(*numbers, strict=True), strict=True):
+        array = np.array(values, column.dtype)
+        packed = np.packbits(array, bitorder="little") if column.type == "bool" else array
+        arrays[column.name] = value_array(schema.field(column.name).type, len(rows), packed)
     places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
-    texts = pa.DictionaryArray.from_arrays(
+    arrays["info"] = pa.DictionaryArray.from_arrays(
         value_array(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
         text_array(pa.string(), [info.encode() for info in places]),
     )
-    return pa.Table.from_arrays([pictures, *numbers, texts], schema=schema)
+    return pa.Table.from_arrays([arrays[name] for name in schema.names], schema=schema)
 
 
 def written_schema() -> pa.Schema:

@@ -19,11 +19,12 @@ import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import own_labyrinth
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
 from labyrinth_core.world.tasks import default_start_and_goal
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, own_labyrinth, toggled, walls
+from pipeline.generation.labyrinths import toggled, walls
 
 
 class Train(NamedTuple):
@@ -104,7 +105,7 @@ class SelectedShift:
 
 def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Measures | None:
     """Return the measures of a structure in a split, None if it cannot hold the task."""
-    if config.task in TASKS_WITHOUT_TILES and config.goals == "fixed":
+    if not config.task.rules.tiles and config.goals == "fixed":
         # Making the labyrinth takes 7 times as long at 5x5.
         moves = least_moves(structure, *default_start_and_goal(config.height, config.width))
     else:

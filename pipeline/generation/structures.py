@@ -31,11 +31,16 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import (
+    PATIENCE,
+    holds_task,
+    own_labyrinth,
+    solve,
+)
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
-from pipeline.generation.labyrinths import TASKS_WITHOUT_TILES, holds_task, own_labyrinth, solve
 from pipeline.generation.shifts import (
     SELECTED_SHIFTS,
     Measures,
@@ -46,9 +51,6 @@ from pipeline.generation.shifts import (
 )
 from pipeline.inspection.near_twins import Neighbourhood
 from pipeline.machinery.console import tracked
-
-PATIENCE = 300_000
-"""The number of candidates without success after which the sampler gives up."""
 
 COUNTABLE_EDGES = 13
 """Sizes with at most this many pairs of neighbouring cells, such as 3x3, are counted in full."""
@@ -201,7 +203,7 @@ def check_capacity(config: DatasetConfig) -> None:
         if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
             raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
-    rare = config.task not in TASKS_WITHOUT_TILES
+    rare = bool(config.task.rules.tiles)
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
     counts = dict.fromkeys(SAMPLED_SPLITS, 0)

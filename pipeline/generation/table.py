@@ -16,13 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard, TableFile, table_groups
+from labyrinth_core.data.manifest import TABLE, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import count_optimal
-from pipeline.generation.labyrinths import Solution
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -108,13 +109,13 @@ class Content:
         return np.array(self._rows, FACTS)
 
 
-def structures_in(folder: AnyPath, manifest: Manifest) -> NDArray[np.int64]:
+def structures_in(data: Dataset) -> NDArray[np.int64]:
     """Return the id of each structure in the table of a finished dataset, as a number.
 
     Raises:
         DatasetError: The table is missing or damaged.
     """
-    groups = table_groups(folder, manifest, ["structure_id"])
+    groups = data.table_groups(["structure_id"])
     return np.concatenate([_numbers(group["structure_id"].to_pylist()) for group in groups])
 
 

@@ -7,25 +7,24 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
+from functools import cached_property
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
-    RemotePath,
     file_sha256,
     size_and_time,
-    temporaries,
     write_text,
 )
 from labyrinth_core.language.collection import is_litter
 from pipeline.machinery.artifact import HASHES, Sums, differences, named
 from pipeline.machinery.dataset import build_versions
-from pipeline.machinery.folders import followed, move_into_place, recover, remove, within
+from pipeline.machinery.folders import Completion, completion, remove, within
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -41,7 +40,7 @@ class Workplace:
     @classmethod
     def of(cls, folder: AnyPath) -> Workplace:
         """Return the workplace of a folder; for a link, it lies beside the link's target."""
-        return cls(followed(folder) if isinstance(folder, Path) else folder)
+        return cls(completion(folder, MANIFEST).folder)
 
     @property
     def building(self) -> AnyPath:
@@ -51,13 +50,15 @@ class Workplace:
     @property
     def shards(self) -> AnyPath:
         """The folder in which shards are made; in a store, which cannot rename, the final one."""
-        is_remote = isinstance(self.folder, RemotePath)
-        return self.folder if is_remote else within(self.building, "shards")
+        return self._place.making(within(self.building, "shards"))
+
+    @cached_property
+    def _place(self) -> Completion:
+        return completion(self.folder, MANIFEST)
 
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
-        if isinstance(self.folder, Path):
-            recover(self.folder, MANIFEST)
+        self._place.recover()
 
     def refuse_others_files(self) -> None:
         """Raise DatasetError if the final folder holds a file that our records do not list."""
@@ -80,9 +81,9 @@ class Workplace:
         own = Sums.read(self.folder, overwrite=True)
         names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
-        all_shards = isinstance(self.folder, RemotePath) and self.has_begun
+        all_shards = not self._place.is_replaced_at_once and self.has_begun
         try:
-            manifest = Manifest.read(self.folder, renamed=True)
+            manifest = Dataset.at(self.folder, renamed=True).manifest
             names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
         except DatasetError:
             if (self.folder / MANIFEST).is_file():
@@ -104,10 +105,10 @@ class Workplace:
         return [name for name, size, digest in files if not self._is_whole(name, size, digest)]
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
-        path, manifest = self.folder / name, self.folder / MANIFEST
+        path = self.folder / name
         with suppress(FileNotFoundError):
             found, changed = size_and_time(path)
-            is_older = isinstance(path, RemotePath) and changed < size_and_time(manifest)[1]
+            is_older = self._place.is_covered(changed)
             return found == size and (is_older or file_sha256(path) == sha256)
         return False
 
@@ -127,7 +128,7 @@ class Workplace:
         same = self.is_for(config)
         if self.parts is not None and not (same and parts in (None, self.parts)) and not overwrite:
             self._refuse_another(config, parts)
-        if isinstance(self.folder, RemotePath):
+        if not self._place.is_replaced_at_once:
             if not same:  # From now on, shards in the folder are this build's.
                 self._write({"parts": None})
             (self.folder / MANIFEST).unlink(missing_ok=True)  # It does not describe the new shards.
@@ -139,26 +140,24 @@ class Workplace:
         if parts is not None and parts != self.parts:
             self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
-        if isinstance(self.shards, Path):  # From runs that were killed while they wrote it.
-            for path in temporaries(self.shards, [MANIFEST]):
-                path.unlink()
+        for path in self._place.leftovers(self.shards, [MANIFEST]):
+            path.unlink()
 
     def begin(self, config: DatasetConfig) -> None:
         """Record what is built, unless a build has begun; raise DatasetError as `prepare` does."""
         if self.has_begun:
             return
         self.building.mkdir(parents=True, exist_ok=True)
-        if isinstance(self.building, Path):
-            unfinished = temporaries(self.building, [_CONFIG])
+        if self._place.is_replaced_at_once:  # In a store, other parts may have begun meanwhile.
+            unfinished = self._place.leftovers(self.building, [_CONFIG])
             others = [path for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
         self._write(_content(config))
 
     def tidy(self, names: Collection[str]) -> None:
         """Remove what killed processes left of files in `building`; no other process makes them."""
-        if isinstance(self.building, Path):
-            for unfinished in temporaries(self.building, names):
-                remove(unfinished)
+        for unfinished in self._place.leftovers(self.building, names):
+            remove(unfinished)
 
     def _write(self, content: Mapping[str, Any]) -> None:
         write_text(self.building / _CONFIG, json.dumps(content))
@@ -212,17 +211,14 @@ class Workplace:
         if not self.is_for(manifest.config):
             raise DatasetError(f"another run has begun another dataset in {self.building}")
         self.refuse_others_files()  # A user may have added some since.
-        if isinstance(self.folder, Path) and isinstance(self.shards, Path):
-            manifest.write(self.shards)
-            move_into_place(self.shards, self.folder, MANIFEST)
-        else:
-            manifest.write(self.folder)
+        manifest.write(self.shards)
+        self._place.complete(self.shards)
         self.clear()
 
     def abandon(self) -> bool:
         """Remove a failed build unless another run can use it; return whether it was removed."""
         finished = ("*.shard", "*.chunk")
-        if isinstance(self.folder, RemotePath) or self.parts is not None:
+        if not self._place.is_replaced_at_once or self.parts is not None:
             return False
         if any(map(any, map(self.building.glob, finished))):
             return False
@@ -236,9 +232,8 @@ class Workplace:
             paths: list[AnyPath] = [*self.building.iterdir()]
             for path in sorted(paths, key=lambda path: path.name == _CONFIG):
                 remove(path)
-        if isinstance(self.building, Path):
-            with suppress(OSError):  # It is missing, or holds files of a user.
-                self.building.rmdir()
+        with suppress(OSError):  # It is missing, or holds files of a user.
+            self.building.rmdir()
 
 
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
@@ -248,7 +243,7 @@ def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
 
 def _is_folder(path: AnyPath) -> bool:
     """Return whether a path is a folder itself; a link is removed without what it leads to."""
-    return path.is_dir() and not (isinstance(path, Path) and path.is_symlink())
+    return path.is_dir() and not path.is_symlink()
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:

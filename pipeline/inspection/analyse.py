@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.manifest import ANALYSIS
 from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
-from labyrinth_core.data.storage import AnyPath
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection.counts import Content
@@ -34,9 +34,9 @@ def run(job: Job[WorkOptions]) -> None:
 
 def _analyse(job: Job[WorkOptions]) -> Iterator[str]:
     """Analyse a dataset, leave the result in its folder, and yield the lines to print."""
-    folder = job.folder
-    manifest = Manifest.read(folder)
-    statistics, contents = read_contents(folder, manifest, job.options.workers)
+    data = Dataset.at(job.folder)
+    manifest = data.manifest
+    statistics, contents = read_contents(data, job.options.workers)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     leakage = find_leakage(labyrinths, statistics.certificate)
     pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
@@ -54,14 +54,12 @@ def _analyse(job: Job[WorkOptions]) -> Iterator[str]:
         },
     }
     text = as_text(content).encode()
-    leave(folder, {ANALYSIS: text}, overwrite=job.options.overwrite)
+    leave(job.folder, {ANALYSIS: text}, overwrite=job.options.overwrite)
     yield from leaks(leakage, {})
-    yield f"Wrote {folder / ANALYSIS} (near-duplicates, tests of shift)."
+    yield f"Wrote {job.folder / ANALYSIS} (near-duplicates, tests of shift)."
 
 
-def read_contents(
-    folder: AnyPath, manifest: Manifest, workers: int = 1
-) -> tuple[DatasetStatistics, dict[str, Content]]:
+def read_contents(data: Dataset, workers: int = 1) -> tuple[DatasetStatistics, dict[str, Content]]:
     """Return the counts of a dataset and the content of each split, under a progress bar.
 
     Raises:
@@ -69,8 +67,7 @@ def read_contents(
     """
     parts: dict[str, list[Content]] = {}
     statistics = count_dataset(
-        folder,
-        manifest,
+        data,
         workers,
         "analyse",
         keep=lambda split, content: parts.setdefault(split, []).append(content),

@@ -15,6 +15,7 @@ from importlib import import_module
 from importlib.util import find_spec
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import Column
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
@@ -32,9 +33,9 @@ class Companion:
     """Returns the splits of a dataset that the companion is about."""
     row: str
     """What a row stands for, for Croissant."""
-    problems: Callable[[AnyPath, Manifest, AnyPath, Manifest, int], list[str]]
-    """Returns what is wrong with a companion, one line for each problem, given the folder and the
-    manifest of the dataset, those of the companion, and the number of processes."""
+    problems: Callable[[Dataset, Dataset, int], list[str]]
+    """Returns what is wrong with a companion, one line for each problem, given the dataset, the
+    companion, and the number of processes."""
     section: Callable[[Mapping[str, Manifest], str, str | None], str]
     """Returns the card's section on the companions, given their manifests by config, the name of
     the dataset on the Hub, and the version of the release."""
@@ -53,20 +54,20 @@ class Companion:
         splits = self.splits(config)
         return [shard for shard in manifest.shards if shard.split in splits]
 
-    def of(self, data_dir: AnyPath, manifest: Manifest) -> Manifest | None:
-        """Return the manifest of a dataset's companion; None if missing or about other rows.
+    def of(self, data_dir: AnyPath, manifest: Manifest) -> Dataset | None:
+        """Return the companion of a dataset; None if missing or about other rows.
 
         The companion lacks shifts that the dataset got after it.
         """
         folder = data_dir / self.config(manifest.config.name)
         if not (folder / MANIFEST).is_file():
             return None
-        found = Manifest.read(folder, companion=self.suffix)
-        shifts, rows = found.config.shifts, self.shards(manifest, found.config)
-        same = [(shard.path, shard.fingerprint) for shard in found.shards] == [
+        found = Dataset.at(folder, companion=self.suffix)
+        config, rows = found.manifest.config, self.shards(manifest, found.manifest.config)
+        same = [(shard.path, shard.fingerprint) for shard in found.manifest.shards] == [
             (shard.path, shard.fingerprint) for shard in rows
         ]
-        return found if same and found.config == replace(manifest.config, shifts=shifts) else None
+        return found if same and config == replace(manifest.config, shifts=config.shifts) else None
 
 
 @cache

@@ -15,10 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Part
-from labyrinth_core.data.episodes import grouped
+from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import Action, initial, state_index
@@ -76,20 +74,18 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
         yield Route(labyrinth, is_first, shortest, states, actions, returned)
 
 
-def routes_of(folder: AnyPath, shard: Shard) -> Iterator[Route]:
+def routes_of(file: ShardFile) -> Iterator[Route]:
     """Yield the routes of a shard, reading one row group at a time.
 
     Raises:
         DatasetError: The file is missing or damaged, or its rows do not form episodes.
     """
-    path = folder / shard.path
-    groups = grouped(Part(folder, [shard]).rows(pictures=False))
     try:
-        yield from routes(episode for group in groups for episode in group.each())
+        yield from routes(episode for group in file.episodes() for episode in group.each())
     except DatasetError as error:
-        if str(path) in str(error):  # From `Part.rows`.
+        if str(file.path) in str(error):  # From `ShardFile.rows`.
             raise
-        raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        raise DatasetError(f"{file.path} cannot be read: {one_line(error)}") from error
 
 
 class Example(NamedTuple):
@@ -266,18 +262,18 @@ def _of_size(size: tuple[int, int], routes: Iterable[Route], path: AnyPath) -> I
         yield route
 
 
-def count_shard(folder: AnyPath, size: tuple[int, int], shard: Shard) -> Counted:
+def count_shard(size: tuple[int, int], file: ShardFile) -> Counted:
     """Return the counts of one shard.
 
     Raises:
         DatasetError: The file is missing or damaged, or differs from its manifest.
     """
-    counted = count_routes(_of_size(size, routes_of(folder, shard), folder / shard.path), size)
-    counts = counted.counts
+    counted = count_routes(_of_size(size, routes_of(file), file.path), size)
+    counts, shard = counted.counts, file.shard
     found = (counts.labyrinths, counts.episodes, counts.rows)
     if found != (shard.labyrinths, shard.episodes, shard.rows):
         raise DatasetError(
-            f"{folder / shard.path} holds {found[0]} labyrinths, {found[1]} episodes and "
+            f"{file.path} holds {found[0]} labyrinths, {found[1]} episodes and "
             f"{found[2]} rows, but its manifest has other counts: overwrite=true rebuilds it"
         )
     return counted

@@ -14,6 +14,7 @@ from typing import Any
 import yaml
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
@@ -48,7 +49,7 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
     named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
-    read_from = {folder.name: Manifest.read(folder, renamed=True) for folder in named}
+    read_from = {folder.name: Dataset.at(folder, renamed=True).manifest for folder in named}
     # A copy under another name is not a config: its files would not be where the card says.
     manifests = [
         replace(manifest, companions=_companions_of(data_dir, manifest))
@@ -60,7 +61,7 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
 
 def _companions_of(data_dir: AnyPath, manifest: Manifest) -> dict[str, Manifest]:
     found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
-    return {suffix: companion for suffix, companion in found.items() if companion is not None}
+    return {suffix: each.manifest for suffix, each in found.items() if each is not None}
 
 
 def without_manifest(data_dir: AnyPath) -> list[Path]:
@@ -225,7 +226,7 @@ def read(path: AnyPath) -> tuple[dict[str, Any], str]:
     try:
         values, text = read_any(path)
     except FileNotFoundError as error:
-        if isinstance(path, Path) and path.is_symlink():
+        if path.is_symlink():
             raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
         return {"license": LICENCE, "pretty_name": "Labyrinth"}, ""
     except DatasetError as error:

@@ -294,7 +294,7 @@ class Leakage:
 
 
 def find_leakage(
-    splits: Mapping[str, Iterable[Held]],
+    splits: Mapping[str, Sequence[Held]],
     certificate: Certificate | None = None,
 ) -> Leakage:
     """Return the leakage between the splits of a dataset.
@@ -304,9 +304,9 @@ def find_leakage(
             `certify` explains what the names mean.
         certificate: The certificate of the splits; computed if None.
     """
-    held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     if certificate is None:
-        certificate = certify({split: Keys.of(labyrinths) for split, labyrinths in held.items()})
+        certificate = certify({split: Keys.of(labyrinths) for split, labyrinths in splits.items()})
+    held = {split: list(dict.fromkeys(labyrinths)) for split, labyrinths in splits.items()}
     known = {
         split: _known(labyrinths)
         for split, labyrinths in held.items()

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.storage import AnyPath, read_json
@@ -67,12 +68,17 @@ _ANALYSIS = {
 class DatasetStatistics:
     """The statistics of one dataset, which is one config of a folder."""
 
-    manifest: Manifest
+    data: Dataset
     splits: Mapping[str, SplitCounts]
     """The counts of each split, in the order of the table of splits."""
     certificate: Certificate
     analysis: Mapping[str, Any] | None = None
     """The result of `read_analysis`."""
+
+    @property
+    def manifest(self) -> Manifest:
+        """The manifest of the dataset."""
+        return self.data.manifest
 
     @property
     def name(self) -> str:
@@ -105,16 +111,14 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
         raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
     datasets = []
     for manifest in manifests:
-        folder = data_dir / manifest.config.name
-        analysis = read_analysis(folder, manifest)
-        counted = count_dataset(folder, manifest, workers, stage)
-        datasets.append(replace(counted, analysis=analysis))
+        data = Dataset.at(data_dir / manifest.config.name, manifest)
+        analysis = read_analysis(data)
+        datasets.append(replace(count_dataset(data, workers, stage), analysis=analysis))
     return datasets
 
 
 def count_dataset(
-    folder: AnyPath,
-    manifest: Manifest,
+    data: Dataset,
     workers: int = 1,
     stage: str = "count",
     keep: Callable[[str, Content], None] = lambda *_: None,
@@ -122,8 +126,7 @@ def count_dataset(
     """Return the statistics of a dataset, counted in its shards, without the analysis.
 
     Args:
-        folder: The folder of the dataset.
-        manifest: The manifest of the dataset.
+        data: The dataset.
         workers: The number of processes.
         stage: The name to show beside the progress bar.
         keep: Called after each shard with the name of its split and its content.
@@ -131,22 +134,23 @@ def count_dataset(
     Raises:
         DatasetError: A shard is missing or damaged, or differs from the manifest.
     """
-    size = manifest.config.height, manifest.config.width
-    shards = [shard for split in manifest.config.splits for shard in manifest.of(split)]
+    config = data.manifest.config
+    files = [file for split in config.splits for file in data.files(split)]
     splits: dict[str, SplitCounts] = {}
     keys: dict[str, list[Keys]] = {}
-    done = ordered_map(partial(count_shard, folder, size), shards, workers)
-    pairs = ((shard.rows, (shard, counted)) for shard, counted in zip(shards, done, strict=True))
-    for shard, counted in tracked(pairs, stage, sum(shard.rows for shard in shards)):
-        before = splits.get(shard.split)
-        splits[shard.split] = counted.counts if before is None else before + counted.counts
-        keys.setdefault(shard.split, []).append(counted.keys)
-        keep(shard.split, counted.content)
+    count = partial(count_shard, (config.height, config.width))
+    done = zip(files, ordered_map(count, files, workers), strict=True)
+    pairs = ((file.shard.rows, (file.shard.split, counted)) for file, counted in done)
+    for split, counted in tracked(pairs, stage, sum(file.shard.rows for file in files)):
+        before = splits.get(split)
+        splits[split] = counted.counts if before is None else before + counted.counts
+        keys.setdefault(split, []).append(counted.keys)
+        keep(split, counted.content)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
-    return DatasetStatistics(manifest, splits, certificate)
+    return DatasetStatistics(data, splits, certificate)
 
 
-def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
+def read_analysis(data: Dataset) -> dict[str, Any] | None:
     """Return the parts of a dataset's `analysis.json` that the card and the report show.
 
     Returns:
@@ -155,13 +159,13 @@ def read_analysis(folder: AnyPath, manifest: Manifest) -> dict[str, Any] | None:
     Raises:
         DatasetError: The file is damaged.
     """
-    path = folder / ANALYSIS
+    path = data.folder / ANALYSIS
     try:
         content = read_json(path)
         check_shape(content, {"fingerprint": None})
-        if content["fingerprint"] != manifest.fingerprint:
+        if content["fingerprint"] != data.fingerprint:
             return None
-        sums = Sums.read(folder)
+        sums = Sums.read(data.folder)
         if ANALYSIS in dict(sums.hashes) and not sums.has(ANALYSIS):
             raise ValueError(f"its sha256 is not the one in {HASHES}")
         check_shape(content, _ANALYSIS)

@@ -1,4 +1,4 @@
-"""An analysis as text: its JSON, and the lines that name leaks."""
+"""An analysis as text: its JSON, its table, and the lines that name leaks."""
 
 from __future__ import annotations
 
@@ -6,7 +6,10 @@ import json
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from pipeline.inspection.leakage import Leakage
+from rich.box import SIMPLE_HEAD
+from rich.table import Column, Table
+
+from pipeline.inspection.leakage import NEAR, Leakage
 
 FORMAT = 1
 """The format of an analysis."""
@@ -17,6 +20,31 @@ LEAKS_SHOWN = 10
 def as_text(content: Mapping[str, Any]) -> str:
     """Return the JSON of an analysis."""
     return json.dumps({"format": FORMAT} | dict(content), indent=1) + "\n"
+
+
+def table_of(leakage: Leakage, *, with_routes: bool) -> Table:
+    """Return a table of the counts of each pair of splits, for the terminal."""
+    walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
+    headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
+    table = Table(
+        "splits",
+        *(Column(heading, justify="right") for heading in headings),
+        title="leakage: labyrinths of the second split with a counterpart in the first",
+        caption="nearest: walls to the nearest structure of the first, minimum and median",
+        box=SIMPLE_HEAD,
+        padding=0,
+    )
+    for each in leakage.pairs:
+        pair, of = each.pair, leakage.certificate.labyrinths[each.pair.second]
+        counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
+        counts += [each.within(walls) for walls in NEAR]
+        table.add_row(
+            f"{pair.first}, {pair.second}",
+            *(f"{count:,}" for count in counts),
+            f"{len(each.same_route):,}" if with_routes else "-",
+            each.spread(of),
+        )
+    return table
 
 
 def leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:

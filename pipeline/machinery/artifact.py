@@ -31,7 +31,6 @@ from labyrinth_core.data.storage import (
     RemotePath,
     file_sha256,
     size_and_time,
-    temporaries,
     temporary_beside,
     write_bytes,
 )
@@ -40,10 +39,8 @@ from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import (
     Place,
-    followed,
+    completion,
     held,
-    move_into_place,
-    recover,
     remove,
     within,
 )
@@ -95,7 +92,7 @@ class Sums:
         try:
             text = path.read_bytes().decode(errors="replace")
         except (FileNotFoundError, NotADirectoryError) as error:
-            if isinstance(path, Path) and path.is_symlink():
+            if path.is_symlink():
                 raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
             return cls(folder)
         parts = text.partition(f"{_LEFT}\n")[::2]
@@ -158,14 +155,12 @@ class Sums:
         In a store, where hashing means a download, a file older than the list is taken for whole,
         unless stages left others there, so rewrote the list.
         """
-        listed = None
-        if isinstance(self.folder, RemotePath) and self.made and not self.left:
-            listed = size_and_time(self.folder / HASHES)[1]
+        place = completion(self.folder, HASHES)
 
         def is_whole(name: str, digest: str) -> bool:
             path = self.folder / name
-            if listed is not None and digest != _UNKNOWN and path.is_file():
-                return size_and_time(path)[1] < listed or self.has(name)
+            if not self.left and digest != _UNKNOWN and path.is_file():
+                return place.is_covered(size_and_time(path)[1]) or self.has(name)
             return self.has(name)
 
         return sorted(name for name, digest in self.made if not is_whole(name, digest))
@@ -216,11 +211,9 @@ class Sums:
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:
         """Return the temporary files of processes that were killed while writing these names."""
-        if not isinstance(self.folder, Path):
-            return []
-        paths = [self.folder / name for name in names]
+        paths, place = [self.folder / name for name in names], completion(self.folder, HASHES)
         found, parents = {path.name for path in paths}, {path.parent for path in paths}
-        return [path for parent in parents for path in temporaries(parent, found)]
+        return [path for parent in parents for path in place.leftovers(parent, found)]
 
     def replace(
         self, files: Mapping[str, bytes], gone: Sequence[str] = (), key: Key | None = None
@@ -279,7 +272,7 @@ def leave(
             written.
         OSError: The folder cannot be written.
     """
-    place = folder.absolute() if isinstance(folder, Path) else folder
+    place = folder.absolute()
     with held(place.parent, place.name):
         sums = Sums.read(folder, overwrite=overwrite)
         sums.require_free(files, key, overwrite, instead)
@@ -318,17 +311,17 @@ def produced(
             damaged or changed.
         OSError: The folder cannot be written.
     """
-    place: Any = followed(folder.absolute()) if isinstance(folder, Path) else folder
+    whole = completion(folder.absolute(), mark)
+    place: Any = whole.folder
     with held(place.parent, place.name):
-        if isinstance(place, Path):
-            recover(place, mark)
+        whole.recover()
         there = Sums.read(folder, overwrite=overwrite)
         if is_whole(there, key, ours, overwrite, instead):
             yield None
             return
         if not overwrite and (missing := there.damaged()):
             say(f"{folder} is made again, because missing: {named(missing)}.")
-        if not isinstance(place, Path):
+        if not whole.is_replaced_at_once:
             _claim(there, mark, names)
             yield place
             Sums.of(place, key, names).write()
@@ -342,7 +335,7 @@ def produced(
             for name in there.strangers(ours, instead):  # The user may have added more.
                 (made / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(place / name, made / name, follow_symlinks=False)
-            move_into_place(made, place, mark)
+            whole.complete(made)
         finally:
             remove(scratch)
 
@@ -374,7 +367,7 @@ def _hash_of(path: AnyPath) -> str | None:
 
 def _is_there(path: AnyPath) -> bool:
     """Return whether a path exists, as a link that leads nowhere does."""
-    return path.exists() or (isinstance(path, Path) and path.is_symlink())
+    return path.exists() or path.is_symlink()
 
 
 def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:

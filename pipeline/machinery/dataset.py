@@ -7,8 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from labyrinth_core.data.dataset import locate
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError, check
@@ -16,11 +15,11 @@ from pipeline.config.options import SourceOptions, source_of
 from pipeline.config.stage import Job
 
 
-def manifest_of(job: Job[SourceOptions], train_labyrinths: int | None = None) -> Manifest:
-    """Return the manifest of the dataset that a stage reads.
+def dataset_of(job: Job[SourceOptions], train_labyrinths: int | None = None) -> Dataset:
+    """Return the dataset that a stage reads.
 
     Args:
-        job: The dataset.
+        job: The options that name the dataset.
         train_labyrinths: The number of labyrinths to learn from, which train must have.
 
     Raises:
@@ -31,18 +30,17 @@ def manifest_of(job: Job[SourceOptions], train_labyrinths: int | None = None) ->
     if job.options.dataset is None:
         job.require_dataset()
     try:
-        folder = locate(source, job.dataset.name, [], revision)
+        data = Dataset(source, job.dataset.name, revision)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    manifest = Manifest.read(folder)
     if train_labyrinths is not None:
-        most = sum(shard.labyrinths for shard in manifest.of("train"))
+        most = sum(shard.labyrinths for shard in data.manifest.of("train"))
         check(
             train_labyrinths <= most,
             f"train_labyrinths={train_labyrinths}: give {most} or fewer, as many as train of "
             f"{source} has",
         )
-    return manifest
+    return data
 
 
 def build_versions() -> dict[str, str]:

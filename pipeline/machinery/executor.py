@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 from labyrinth_core.data.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say
-from pipeline.machinery.ending import GOES_ON, ctrl_c_held_back, end_with_parent
+from pipeline.machinery.workers import GOES_ON, ctrl_c_held_back, end_with_parent
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")

@@ -7,10 +7,12 @@ import os
 import shutil
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
@@ -20,6 +22,7 @@ from labyrinth_core.data.storage import (
     naming,
     replaceable,
     replacing,
+    size_and_time,
     temporaries,
     temporary_beside,
 )
@@ -128,10 +131,92 @@ def within(folder: Place, *names: str) -> Place:
     """
     for name in names:
         folder = folder / name
-        if isinstance(folder, Path) and folder.is_symlink():
+        if folder.is_symlink():
             reason = "is a link, and nothing is written through it"
             raise DatasetError(f"{folder} {reason}: put a folder in its place, or remove it")
     return folder
+
+
+@dataclass(frozen=True)
+class Renamed:
+    """A local folder that is made under another name, and renamed into its place when complete.
+
+    Until then, the folder that it replaces stays.
+    """
+
+    folder: Path
+    """Its place; of a link to a folder, the target, which is replaced instead of the link."""
+    mark: str
+    """The file whose absence tells readers that the folder is unfinished."""
+    is_replaced_at_once: ClassVar[bool] = True
+
+    def making(self, beside: AnyPath) -> AnyPath:
+        """Return the folder to make files in: one that the caller offers, on the same disk."""
+        return beside
+
+    def recover(self) -> None:
+        """Finish or undo what a crash in `complete` has left."""
+        recover(self.folder, self.mark)
+
+    def complete(self, made: Any) -> None:
+        """Put the folder that was made in its place; see `move_into_place`."""
+        move_into_place(made, self.folder, self.mark)
+
+    def leftovers(self, folder: Any, names: Collection[str]) -> list[Path]:
+        """Return what killed processes left of files with these names in a folder."""
+        return temporaries(folder, names)
+
+    def is_covered(self, changed: float) -> bool:  # noqa: ARG002
+        """Return False: a file that counts as complete is hashed."""
+        return False
+
+
+@dataclass(frozen=True)
+class Marked:
+    """A folder in an object store, where nothing is renamed: it is complete once it has its mark.
+
+    Each file appears complete under its own name.
+    """
+
+    folder: RemotePath
+    mark: str
+    """The file that is removed first and written last."""
+    is_replaced_at_once: ClassVar[bool] = False
+
+    def making(self, beside: AnyPath) -> AnyPath:  # noqa: ARG002
+        """Return the folder itself."""
+        return self.folder
+
+    def recover(self) -> None:
+        """Do nothing: without its mark the folder is unfinished."""
+
+    def complete(self, made: Any) -> None:
+        """Do nothing: the caller has written the mark into the folder."""
+
+    def leftovers(self, folder: Any, names: Collection[str]) -> list[Path]:  # noqa: ARG002
+        """Return nothing: an upload leaves no unfinished file."""
+        return []
+
+    def is_covered(self, changed: float) -> bool:
+        """Return whether a file that changed at this time is older than the mark.
+
+        It was complete then. To hash it would mean to download it.
+        """
+        return changed < self._marked
+
+    @cached_property
+    def _marked(self) -> float:
+        return size_and_time(self.folder / self.mark)[1]
+
+
+Completion = Renamed | Marked
+
+
+def completion(folder: AnyPath, mark: str) -> Completion:
+    """Return how a folder becomes complete in its place."""
+    if isinstance(folder, RemotePath):
+        return Marked(folder, mark)
+    return Renamed(followed(folder), mark)
 
 
 def followed(folder: Path) -> Path:

@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import ExitStack
 from functools import partial
 from itertools import chain, zip_longest
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line, readable
+from labyrinth_core.data.dataset import ShardFile
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import arrow_schema
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import check_file, check_footer, each_read
-from labyrinth_core.data.storage import AnyPath, local_copy
+from labyrinth_core.data.rows import each_read
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.dataset import build_versions
@@ -24,68 +23,53 @@ PICTURES = ("image", "image_300", "image_url")
 """The columns whose bytes depend on the version of zlib."""
 
 
-def questions_of(dataset: AnyPath, about: Shard) -> Iterator[dict[str, Any]]:
+def questions_of(about: ShardFile) -> Iterator[dict[str, Any]]:
     """Yield the question about each labyrinth of a shard; raise DatasetError if one allows none."""
-    for route in routes_of(dataset, about):
+    for route in routes_of(about):
         if route.is_first:
             try:
                 yield question(route.labyrinth)
             except ValueError as error:
-                raise DatasetError(f"{dataset / about.path}: {error}") from error
+                raise DatasetError(f"{about.path}: {error}") from error
 
 
-def question_problems(
-    dataset: AnyPath, manifest: Manifest, folder: AnyPath, made: Manifest, workers: int = 1
-) -> list[str]:
+def question_problems(dataset: Dataset, made: Dataset, workers: int = 1) -> list[str]:
     """Return what is wrong with the questions about a dataset, one line for each problem.
 
     Args:
-        dataset: The folder of the dataset.
-        manifest: The manifest of the dataset.
-        folder: The folder of the questions.
-        made: The manifest of the questions.
+        dataset: The dataset.
+        made: The questions.
         workers: The number of processes.
     """
-    about = {shard.path: shard for shard in manifest.shards}
-    pairs = [(about[shard.path], shard) for shard in made.shards]
-    check = partial(_check, dataset, folder, dict(made.versions) == build_versions())
+    about = {file.shard.path: file for file in dataset.files()}
+    pairs = [(about[file.shard.path], file) for file in made.files()]
+    check = partial(_check, dict(made.manifest.versions) == build_versions())
     return [line for lines in ordered_map(check, pairs, workers) for line in lines]
 
 
-def _check(
-    dataset: AnyPath, folder: AnyPath, same_bytes: bool, made: tuple[Shard, Shard]
-) -> list[str]:
+def _check(same_bytes: bool, made: tuple[ShardFile, ShardFile]) -> list[str]:
     """Return a message for each column of the questions that differs from what labyrinths give.
 
     Each column is named once, with the first row in which it is wrong.
 
     Args:
-        dataset: The folder of the dataset.
-        folder: The folder of the questions.
         same_bytes: Whether pictures must be equal byte for byte.
         made: A shard of the dataset, and the shard of the questions about it.
     """
     import pyarrow as pa
-    import pyarrow.parquet as pq
 
-    about, shard = made
-    path = folder / shard.path
+    about, file = made
+    path = file.path
     wrong: dict[str, int] = {}
     try:
-        with ExitStack() as stack:
-            with readable(path):
-                local = stack.enter_context(local_copy(path))
-            check_file(local, shard, path)
-            with readable(path):
-                file = stack.enter_context(pq.ParquetFile(local))
+        with file.opened() as opened:
             schema = arrow_schema(QUESTION_COLUMNS)
-            if not file.schema_arrow.equals(schema, check_metadata=False):
+            if not opened.schema_arrow.equals(schema, check_metadata=False):
                 return [f"{path}: its columns are not those of questions"]
-            check_footer(file, shard, path)
             # Converted as they are read, since a text may not be UTF-8.
-            batches = map(pa.RecordBatch.to_pylist, file.iter_batches(GROUP_ROWS))
+            batches = map(pa.RecordBatch.to_pylist, opened.iter_batches(GROUP_ROWS))
             rows = chain.from_iterable(each_read(batches, path))
-            for number, (row, right) in enumerate(zip_longest(rows, questions_of(dataset, about))):
+            for number, (row, right) in enumerate(zip_longest(rows, questions_of(about))):
                 if row is None or right is None:
                     return [f"{path}: it has too few or too many rows, from row {number} on"]
                 for name in right:

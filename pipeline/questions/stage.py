@@ -11,6 +11,8 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
+from labyrinth_core.data.dataset import ShardFile
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256
@@ -43,43 +45,46 @@ def run(job: Job[WorkOptions]) -> None:
             or a user's files are in the place of the questions.
         OSError: The folder cannot be written.
     """
-    manifest, folder = Manifest.read(job.folder), job.data_dir / COMPANION.config(job.dataset.name)
+    data, folder = Dataset.at(job.folder), job.data_dir / COMPANION.config(job.dataset.name)
+    manifest = data.manifest
     key = {"dataset": manifest.config.name, "fingerprint": manifest.fingerprint}
     found = COMPANION.of(job.data_dir, manifest)
-    is_other = found is None or found.config != manifest.config  # Then replace it.
+    is_other = found is None or found.manifest.config != manifest.config  # Then replace it.
     overwrite = is_other or job.options.overwrite
     about = COMPANION.shards(manifest, manifest.config)
     names = [MANIFEST, *(shard.path for shard in about)]
     rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
     with produced(folder, key, overwrite=overwrite, **rules) as made:
-        state = "is there already" if made is None else _make(job, manifest, made)
+        state = "is there already" if made is None else _make(data, made, job.options.workers)
     with held(job.data_dir, "README.md"):
         front_matter.update(job.data_dir)
     say(f"{folder} {state}.")
 
 
-def _make(job: Job[WorkOptions], manifest: Manifest, folder: AnyPath) -> str:
+def _make(data: Dataset, folder: AnyPath, workers: int) -> str:
     """Write the questions about a dataset to a folder; return a phrase with their number."""
-    about = COMPANION.shards(manifest, manifest.config)
-    write = partial(_write, job.folder, folder)
-    made = ((shard.rows, shard) for shard in ordered_map(write, about, job.options.workers))
-    total = sum(shard.labyrinths for shard in about)
+    manifest = data.manifest
+    needed = COMPANION.shards(manifest, manifest.config)
+    files = {file.shard.path: file for file in data.files()}
+    about = [files[shard.path] for shard in needed]
+    made = ((shard.rows, shard) for shard in ordered_map(partial(_write, folder), about, workers))
+    total = sum(shard.labyrinths for shard in needed)
     shards = tuple(tracked(made, "questions", total=total))
     Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
     return f"has {sum(shard.rows for shard in shards):,} questions"
 
 
-def _write(dataset: AnyPath, folder: AnyPath, about: Shard) -> Shard:
+def _write(folder: AnyPath, file: ShardFile) -> Shard:
     """Write the questions about a shard of a dataset, and return their shard."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    rows = longest = 0
+    rows, longest, about = 0, 0, file.shard
     schema = arrow_schema(QUESTION_COLUMNS)
     with new_file(folder / about.path, folder.parent) as path:
         with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
             writer.add_key_value_metadata(schema.metadata)
-            questions = questions_of(dataset, about)
+            questions = questions_of(file)
             while group := list(islice(questions, GROUP_ROWS)):
                 writer.write_table(pa.Table.from_pylist(group, schema))
                 rows += len(group)

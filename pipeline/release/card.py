@@ -16,8 +16,9 @@ from typing import Any
 
 import yaml
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest, table_file
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
@@ -190,7 +191,7 @@ def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
             listed[f"{name}/{MANIFEST}"] = file_sha256(data_dir / name / MANIFEST)
         name = manifest.config.name
         listed[f"{name}/{TABLE}"] = manifest.table.sha256
-        if read_analysis(data_dir / name, manifest):
+        if read_analysis(Dataset.at(data_dir / name, manifest)):
             listed[f"{name}/{ANALYSIS}"] = file_sha256(data_dir / name / ANALYSIS)
     return listed
 
@@ -215,8 +216,7 @@ def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
         if problems := "; ".join(dataset.certificate.problems()):
             reason = f"{problems}; no card is written for such a dataset"
             raise DatasetError(f"{data_dir / dataset.name}: {reason}")
-        with table_file(data_dir / dataset.name, dataset.manifest):
-            pass  # Opening it checks that it is not damaged.
+        dataset.data.check_table()
     return datasets
 
 

@@ -13,8 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset import local_folder
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
@@ -25,7 +25,7 @@ from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
@@ -85,7 +85,7 @@ def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None,
         given and local_folder(source_of(job), job.dataset.name, None) is None
     ):
         return published_dataset(job, is_unseen=is_unseen)
-    return None, manifest_of(job)
+    return None, dataset_of(job).manifest
 
 
 def _linked(

@@ -104,7 +104,7 @@ def tallness(structure: Structure, size: int) -> int:
 
 def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) -> Image.Image:
     """Return the picture of a labyrinth at its start with a route, `_FINER` * `size` wide."""
-    if labyrinth.task is Task.PARTIAL_OBSERVABILITY:
+    if labyrinth.task.rules.hides:
         labyrinth = replace(labyrinth, task=Task.NAVIGATION)
     states = replay(labyrinth, actions).states
     side = size * _FINER

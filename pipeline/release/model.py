@@ -75,7 +75,7 @@ def published_dataset(job: Job[PublishStageOptions], *, is_unseen: bool) -> tupl
         DatasetError: The Hub has no such revision or refuses, or `data_dir` has no dataset.
     """
     if is_unseen:
-        return 40 * "0", Manifest.read(job.folder)
+        return 40 * "0", Dataset.at(job.folder).manifest
     repo_id, revision = job.options.dataset_on_hub
     found = Dataset(repo_id, job.dataset.name, revision)
     return str(found.commit), found.manifest
@@ -135,10 +135,9 @@ def _results(job: Job[PublishStageOptions], known: KnownDataset) -> tuple[Result
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
     """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
-    config = job.dataset.name
-    if (job.folder / MANIFEST).is_file() and Manifest.read(job.folder) == manifest:
-        return KnownDataset(str(job.data_dir), config, None, manifest)
-    return KnownDataset(job.options.dataset_on_hub[0], config, commit, manifest)
+    if (job.folder / MANIFEST).is_file() and (local := Dataset.at(job.folder)).manifest == manifest:
+        return KnownDataset(local)
+    return KnownDataset(Dataset(job.options.dataset_on_hub[0], job.dataset.name, commit))
 
 
 def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:

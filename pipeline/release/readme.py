@@ -9,7 +9,6 @@ from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import Task
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
@@ -208,7 +207,7 @@ def _pictures(dataset: DatasetStatistics) -> str:
         f"![{figure.title} of {dataset.name}]({picture_path(dataset.name, name)})"
         for name, figure in FIGURES.items()
     ]
-    if dataset.manifest.config.task is Task.PARTIAL_OBSERVABILITY:
+    if dataset.manifest.config.task.rules.hides:
         shown.insert(0, paragraph("hidden"))
     return "\n\n".join(shown)
 

@@ -30,8 +30,8 @@ from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
-from pipeline.machinery.ending import end_with_parent
 from pipeline.machinery.folders import remove
+from pipeline.machinery.workers import end_with_parent
 from pipeline.release.faults import PublishError
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
@@ -43,8 +43,7 @@ SCORES = (
 
 def read_results(
     run_dir: Path,
-    data_dir: Path,
-    manifests: Sequence[Manifest],
+    datasets: Sequence[Dataset],
     results_dir: Path | None = None,
 ) -> list[dict[str, Any]]:
     """Return the page's data on the methods evaluated on the datasets, each with its runs.
@@ -54,18 +53,14 @@ def read_results(
 
     Args:
         run_dir: The folder of the runs; it need not exist.
-        data_dir: The folder of the datasets.
-        manifests: The manifests of the datasets; results on others are left out.
+        datasets: The datasets; results on others are left out.
         results_dir: The folder with submitted results, if any. An invalid file there is named on
             the terminal and left out.
 
     Raises:
         DatasetError: A results file in the folder of the runs is invalid.
     """
-    of = {
-        manifest.config.name: KnownDataset(str(data_dir), manifest.config.name, None, manifest)
-        for manifest in manifests
-    }
+    of = {data.config: KnownDataset(data) for data in datasets}
 
     def is_shown(results: Results) -> bool:
         known = of.get(results.config)

@@ -15,8 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.dataset import ShardFile
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from pipeline.inspection.counts import Route, SplitCounts, routes_of
@@ -67,13 +67,13 @@ class PackedSplit:
         self.fixed["structure"] += bytes.fromhex(structure.structure_id)
         self.fixed["up"] += structure.up.to_bytes(wide, "little")
         self.fixed["right"] += structure.right.to_bytes(wide, "little")
-        if labyrinth.ice:
-            ice = sum(1 << cell for cell in labyrinth.ice)
-            self.fixed["ice"] += ice.to_bytes(wide, "little")
+        rules = labyrinth.task.rules
+        for name in rules.grounds:
+            cells = sum(1 << cell for cell in getattr(labyrinth, name))
+            self.fixed[name] += cells.to_bytes(wide, "little")
         numbers = {"start": labyrinth.start, "goal": labyrinth.goal, "moves": shortest}
         numbers |= {"loops": structure.loops, "episodes": 0}
-        if labyrinth.key is not None and labyrinth.door is not None:
-            numbers |= {"key": labyrinth.key, "door": labyrinth.door}
+        numbers |= {name: getattr(labyrinth, name) for name in rules.singles}
         for name, number in numbers.items():
             self.numbers[name].append(number)
 
@@ -139,20 +139,18 @@ def pack_routes(routes: Iterable[Route], limit: int) -> PackedSplit:
     return packed
 
 
-def _pack_shard(folder: AnyPath, limit: int, shard: Shard) -> PackedSplit:
-    return pack_routes(routes_of(folder, shard), limit)
+def _pack_shard(limit: int, file: ShardFile) -> PackedSplit:
+    return pack_routes(routes_of(file), limit)
 
 
-def pack(
-    folder: AnyPath, manifest: Manifest, split: str, limit: int, workers: int = 1
-) -> PackedSplit:
+def pack(data: Dataset, split: str, limit: int, workers: int = 1) -> PackedSplit:
     """Return the first labyrinths of a split of a dataset, packed as by `pack_routes`.
 
     Raises:
         DatasetError: A shard is missing or damaged, or its rows do not form episodes.
     """
     packed = PackedSplit()
-    for part in ordered_map(partial(_pack_shard, folder, limit), manifest.of(split), workers):
+    for part in ordered_map(partial(_pack_shard, limit), data.files(split), workers):
         packed.extend(part)
         if packed.size > limit:
             break

@@ -16,8 +16,10 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.scores import WHY_SPL
+from labyrinth_core.language.text import SETTINGS_OF
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
+from labyrinth_core.world.labyrinth import Task
 from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
@@ -91,11 +93,9 @@ def write_report(
     limit = PACKED_BYTES // sum(len(of.splits) for of in found)
     datasets = []
     for of in found:
-        folder = data_dir / of.name
-        packed = {split: pack(folder, of.manifest, split, limit, workers) for split in of.splits}
+        packed = {split: pack(of.data, split, limit, workers) for split in of.splits}
         datasets.append(describe(of, packed, limit))
-    manifests = [of.manifest for of in found]
-    html = page(datasets, read_results(run_dir, data_dir, manifests, results_dir))
+    html = page(datasets, read_results(run_dir, [of.data for of in found], results_dir))
     folder = within(data_dir, FOLDER)
     leave(folder, {PAGE: html.encode()}, overwrite=overwrite)
     return folder / PAGE
@@ -136,6 +136,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     data = {
         "version": __version__,
         "colours": asdict(DEFAULT_STYLE),
+        "tasks": {str(task): _described(task) for task in Task},
         "datasets": datasets,
         "results": results,
         "whySpl": " ".join(WHY_SPL.split()),
@@ -152,6 +153,16 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
     # A NaN is not JSON: the browser would not read any of the data.
     plain = json.dumps(data, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     return html.replace("{{data}}", plain)
+
+
+def _described(task: Task) -> dict[str, Any]:
+    """Return what the page needs to know about a task."""
+    return {
+        "settings": SETTINGS_OF[task],
+        "phases": task.rules.phases,
+        "hides": task.rules.hides,
+        "tiles": [tile._asdict() for tile in task.rules.tiles],
+    }
 
 
 def _source(name: str) -> str:

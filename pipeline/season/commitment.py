@@ -17,12 +17,12 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import read_json, temporaries
 from labyrinth_core.evaluation.description import is_day
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
-from labyrinth_core.world.labyrinth import Task
 from pipeline.config.stage import Job
 from pipeline.generation.build import build
 from pipeline.generation.options import BuildOptions
@@ -224,7 +224,7 @@ def labyrinths_of(manifest: Manifest) -> dict[str, int]:
 def check_rows(config: DatasetConfig) -> None:
     """Raise ValueError if a dataset might need more than `MOST_ROWS` rows."""
     routes = 1 if config.solutions == "shortest" else config.solutions_limit
-    states = config.height * config.width * (3 if config.task is Task.KEY_AND_DOOR else 1)
+    states = config.height * config.width * config.task.rules.phases
     rows = config.labyrinths * (len(config.splits) * routes * states + config.random_steps)
     if rows > MOST_ROWS:
         raise ValueError(
@@ -246,8 +246,8 @@ def seed_of(secret: bytes, config: Mapping[str, Any]) -> int:
 
 
 @contextmanager
-def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifest]]:
-    """Build a dataset in a temporary folder that only this user can read; yield both.
+def dataset(workers: int, config: DatasetConfig) -> Iterator[Dataset]:
+    """Build a dataset in a temporary folder that only this user can read, and yield it.
 
     The seed is not printed.
 
@@ -258,4 +258,4 @@ def dataset(workers: int, config: DatasetConfig) -> Iterator[tuple[Path, Manifes
     with private_folder() as folder:
         job = Job(BuildOptions(workers=workers), config, folder, str(folder))
         build(job)
-        yield folder, Manifest.read(job.folder)
+        yield Dataset.at(job.folder)

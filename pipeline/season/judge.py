@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from labyrinth_core import evaluate
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.answers import PolicyError
@@ -83,10 +83,10 @@ def run(job: Job[SeasonStageOptions]) -> None:
             about = {"submission": named, "commit": submission.commit, "files": submission.files}
             before = next((row for row in rows if row | about == row), None)
             config = season.dataset_of(secret)
-            with dataset(job.options.workers, config) as (data_dir, manifest):
-                season.other_shards(manifest)  # Raises an error if the content differs.
+            with dataset(job.options.workers, config) as data:
+                season.other_shards(data.manifest)  # Raises an error if the content differs.
                 signed = None if before is None else before["versions"]
-                row, _, content = judged(season, submission, data_dir, config, signed)
+                row, _, content = judged(season, submission, data, signed)
             if before is None:
                 rows.append(row)
             elif before != row:
@@ -127,8 +127,7 @@ def by_chance(submissions: int, labyrinths: int) -> float:
 def judged(
     season: Season,
     submission: Submission,
-    data_dir: Path,
-    config: DatasetConfig,
+    data: Dataset,
     signed: Mapping[str, str] | None = None,
 ) -> Judged:
     """Evaluate a submission on the test of a season.
@@ -136,8 +135,7 @@ def judged(
     Args:
         season: The season.
         submission: The submission.
-        data_dir: The folder of the season's dataset.
-        config: The config of that dataset.
+        data: The season's dataset.
         signed: The library versions that the judge recorded; None for this process's versions.
 
     Raises:
@@ -158,12 +156,8 @@ def judged(
         versions=signed,
     )
     try:
-        results = evaluate(
-            submission.policy,
-            data_dir,
-            config.name,
-            splits=["test", *config.shifts],
-        )
+        shifts = data.manifest.config.shifts
+        results = evaluate(submission.policy, data, splits=["test", *shifts])
     except UnrepeatableError as error:
         raise PolicyError(
             f"{submission.named} answers the same observations differently: a season judges only "

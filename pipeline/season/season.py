@@ -79,8 +79,8 @@ def _make(job: Job[SeasonStageOptions], place: Place, folder: Path, kept: Path) 
     secret = os.urandom(SECRET_BYTES)
     _keep(kept, place.secret, secret)
     seed = seed_of(secret, without_seed(job.dataset))
-    with dataset(job.options.workers, replace(job.dataset, seed=seed)) as (_, manifest):
-        season = Season.of(place.public.name, job.options.season.date, secret, manifest)
+    with dataset(job.options.workers, replace(job.dataset, seed=seed)) as data:
+        season = Season.of(place.public.name, job.options.season.date, secret, data.manifest)
     write_text(folder / place.season.name, season.to_text())
     if job.composed:
         write_text(folder / CONFIG, job.composed)

@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.policies.load import MOST_BYTES, check_size, load_policy, located

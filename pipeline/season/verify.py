@@ -37,9 +37,9 @@ def run(job: Job[SeasonStageOptions]) -> None:
     secret = season.require_secret(place.revealed)
     entries = read_list(place, season)
     config = season.dataset_of(secret)
-    with dataset(job.options.workers, config) as (data_dir, manifest):
-        wrong = _other_files(place, season, season.other_shards(manifest))
-        known = KnownDataset.read(str(data_dir), config.name)
+    with dataset(job.options.workers, config) as data:
+        wrong = _other_files(place, season, season.other_shards(data.manifest))
+        known = KnownDataset(data)
         lines = []
         for number, entry in enumerate(entries, 1):
             if reason := _refused(entry, entries[: number - 1]):
@@ -107,8 +107,7 @@ def _judged_again(
     folder = None if row["commit"] else place.public / "submissions" / str(number)
     try:
         with fetched(row["submission"], folder, pinned=row) as submission:
-            data_dir, config = Path(known.source), known.manifest.config
-            again = judged(season, submission, data_dir, config, signed=row["versions"])
+            again = judged(season, submission, known.data, signed=row["versions"])
             here = versions(submission.library)
         figures = shown(again.row["figures"]["test"])
         if not has_sha256(revealed, row["results_sha256"]):

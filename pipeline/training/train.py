@@ -17,11 +17,12 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.dataset import require_unchanged
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays, of_the_learnt
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
@@ -36,7 +37,7 @@ from pipeline.config.stage import CONFIG, Job
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import each_minute, progress, say
-from pipeline.machinery.dataset import manifest_of
+from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.folders import followed, held, remove, within
 from pipeline.training.checkpoint import (
     INSTEAD,
@@ -76,9 +77,8 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     place = followed(folder)
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
-    identity = identify(
-        job, asdict(settings), manifest_of(job, job.options.train_labyrinths).fingerprint
-    )
+    data = dataset_of(job, job.options.train_labyrinths)
+    identity = identify(job, asdict(settings), data.fingerprint)
     there, overwrite = Sums.read(folder).key or {}, job.options.overwrite
     if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
         # The dataset may have moved since.
@@ -93,7 +93,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
                     remove(working)
                 if method.protocol:
                     _tell_changes(job.options, settings)
-                done = _train(job, made, path, identity, checkpoint_seconds)
+                done = _train(job, data, made, path, identity, checkpoint_seconds)
                 if job.composed:
                     write_text(made / CONFIG, job.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
@@ -115,6 +115,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
 @usual_defaults()
 def _train(
     job: Job[TrainOptions],
+    data: Dataset,
     folder: Path,
     path: Path,
     identity: dict[str, Any],
@@ -129,10 +130,9 @@ def _train(
     with torch.random.fork_rng(devices=forked, device_type=forked[0].type if forked else "cuda"):
         torch.manual_seed(job.dataset.seed)
         try:
-            learner, judge = prepare(job, method, settings, device)
+            learner, judge = prepare(job, data, method, settings, device)
         finally:  # Splits of two datasets cause other errors first.
-            dataset = source_of(job), job.dataset.name
-            require_unchanged(*dataset, identity["fingerprint"], options.revision)
+            data.require_unchanged()
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
@@ -193,7 +193,7 @@ def identify(
 
 
 def loader_of(
-    job: Job[TrainingOptions], image_size: int = DEFAULT_IMAGE_SIZE
+    job: Job[TrainingOptions], data: Dataset, image_size: int = DEFAULT_IMAGE_SIZE
 ) -> Callable[..., LabyrinthArrays]:
     """Return a function that loads a split with the run's observation, or with another one.
 
@@ -207,16 +207,9 @@ def loader_of(
     def load(
         split: str, observation: str = options.observation, first: int | None = None
     ) -> LabyrinthArrays:
-        place, learnt = (source_of(job), job.dataset.name, split), options.train_labyrinths
-        some = {} if first is None else {"labyrinths": first}
-        return load_arrays(
-            *place,
-            observation=observation,
-            image_size=image_size,
-            resize=PROTOCOLS[options.protocol].resize,
-            revision=options.revision,
-            **(of_the_learnt(*place, learnt, options.revision) | some),
-        )
+        selection = data.of_first(split, options.train_labyrinths).filter(labyrinths=first)
+        resize = PROTOCOLS[options.protocol].resize
+        return arrays_in(selection, ObservationSpec(observation, image_size, True, resize))
 
     return load
 
@@ -228,15 +221,19 @@ def spec_of(job: Job[TrainingOptions]) -> NetworkSpec:
 
 
 def prepare(
-    job: Job[TrainingOptions], method: type[Learner], settings: BaseSettings, device: torch.device
+    job: Job[TrainingOptions],
+    data: Dataset,
+    method: type[Learner],
+    settings: BaseSettings,
+    device: torch.device,
 ) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
     """Return a fresh learner, and a function that evaluates a policy on train and validation."""
     options = job.options
-    spec, source, config = spec_of(job), source_of(job), job.dataset.name
-    train = loader_of(job)("train")
+    spec = spec_of(job)
+    train = loader_of(job, data)("train")
     size = method.image_size(spec, settings, spec.height, spec.width)
-    load = loader_of(job, size)
-    shards = manifest_of(job).of("validation")
+    load = loader_of(job, data, size)
+    shards = data.manifest.of("validation")
     counts = {"train": len(train.initial), "validation": sum(each.labyrinths for each in shards)}
     limited = [split for split, count in counts.items() if count > TRIED]
     if limited:
@@ -249,19 +246,21 @@ def prepare(
         else load(split, first=TRIED if split in limited else None)
         for split in counts
     }
-    part: dict[str, Any] = {"revision": options.revision, "labyrinths": options.train_labyrinths}
+
+    def steps(split: str) -> Steps:
+        return load_steps(data[split].filter(labyrinths=options.train_labyrinths), train)
 
     def exploration() -> Steps:
         try:
-            return load_steps(source, config, "random", train, **part)
+            return steps("random")
         except DatasetError as error:
-            reason = f"method={options.method_name} learns from the split random of {source}"
+            reason = f"method={options.method_name} learns from the split random of {data.source}"
             raise DatasetError(f"{reason}: {error}") from error
 
     problem = Problem(
         arrays=train,
         observations=Observations(train.observations, device),
-        demonstrations=load_steps(source, config, "train", train, **part),
+        demonstrations=steps("train"),
         exploration=exploration,
         spec=spec,
         rng=np.random.default_rng(job.dataset.seed),

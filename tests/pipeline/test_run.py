@@ -20,7 +20,7 @@ from tampering import content_of, identities
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
-from pipeline.config.composed import DEFAULTS, OPTIONS
+from pipeline.command.composed import DEFAULTS, OPTIONS
 from pipeline.config.stages import STAGES
 
 resource = pytest.importorskip("resource")  # Not on Windows.

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from quick_python import python
 
-from pipeline.command import run_command
+from pipeline.command.launch import run_command
 
 RUN = Path(__file__).parents[2] / "run.py"
 

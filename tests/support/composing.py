@@ -5,10 +5,10 @@ from __future__ import annotations
 from hydra import compose, initialize_config_dir
 from making import Run, RunConfig, resolve
 
-from pipeline.config.command_line import HYDRA, parsed, register
-from pipeline.config.composed import options_of
+from pipeline.command.command_line import HYDRA, parsed, register
+from pipeline.command.composed import options_of
+from pipeline.command.texts import as_given
 from pipeline.config.method import CONF
-from pipeline.config.texts import as_given
 
 
 def composed(*arguments: str) -> Run:

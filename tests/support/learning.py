@@ -14,6 +14,7 @@ import torch
 from making import Run
 from numpy.typing import NDArray
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.observations import Observations
@@ -29,13 +30,13 @@ torch.set_num_threads(1)
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
     """A function that returns a problem with eight labyrinths of 3x3."""
-    folder = small_dataset.data_dir
+    folder, data = small_dataset.data_dir, Dataset.at(small_dataset.folder)
     arrays = {
         encoder: load_arrays(folder, "3x3", "train", observation=sees)
         for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
     }
     demonstrations, exploration = (
-        load_steps(folder, "3x3", split, arrays["mlp"]) for split in ("train", "random")
+        load_steps(data[split], arrays["mlp"]) for split in ("train", "random")
     )
 
     def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:

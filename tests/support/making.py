@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any, get_type_hints
 
 from labyrinth_core.evaluation.description import RunName
-from pipeline.config import composed, training
+from pipeline.command import composed
+from pipeline.config import training
 from pipeline.config.dataset import BucketsConfig
 from pipeline.config.stage import Job
 from pipeline.config.stages import STAGES

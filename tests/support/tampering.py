@@ -16,7 +16,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
 
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.format import NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
@@ -138,8 +139,8 @@ def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
         png = row["obs"]["bytes"]
         if png not in digests:
             digests[png] = picture_digest_of(png)
-        values = (row["actions"], row["rewards"], row["episode_starts"], row["info"])
-        fingerprint.update([Row(b"", "", *values, digests[png])])
+        numbers = tuple(row[column.name] for column in NUMBERS)
+        fingerprint.update([Row(b"", "", numbers, row["info"], digests[png])])
     return fingerprint.hexdigest()
 
 
@@ -188,7 +189,7 @@ def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyri
 
 def problems(folder: Path) -> list[str]:
     """Return what validation finds, each problem in one short line."""
-    found = validate(folder, Manifest.read(folder, renamed=True))
+    found = validate(Dataset.at(folder, renamed=True))
     assert all("\n" not in problem and len(problem) < 500 for problem in found)
     return found
 

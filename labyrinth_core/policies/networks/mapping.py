@@ -40,12 +40,9 @@ from labyrinth_core.policies.networks.slots import (
     CELL,
     Slots,
     Surroundings,
-    cell_of_colour,
     masks_of,
     patches_of,
     places_of,
-    scene_of,
-    slots_of,
 )
 from labyrinth_core.policies.spec import MapperSpec
 from labyrinth_core.world.labyrinth import Task
@@ -224,11 +221,11 @@ class MapperPolicy:
         Raises:
             ValueError: The pictures have more colours than flat ones have.
         """
-        pictures = [slots_of(each) for each in observations]
+        pictures = [Slots.of(each) for each in observations]
         if not (self.remember and len(self._colours)):
             self._begin(pictures)
         cells = [
-            cell_of_colour(each, colour, *self.size)
+            each.cell_of(colour, *self.size)
             for each, colour in zip(pictures, self._colours.tolist(), strict=True)
         ]
         return self._plans[np.arange(len(cells)), cells]
@@ -244,7 +241,7 @@ class MapperPolicy:
         device = next(self.network.parameters()).device
         for begin in range(0, len(pictures), TOGETHER):
             part = pictures[begin : begin + TOGETHER]
-            scenes = np.stack([scene_of(each, *self.size) for each in part])
+            scenes = np.stack([each.scene(*self.size) for each in part])
             with torch.no_grad():
                 movers, actions = self.network.plan(masks_of(scenes).to(device))
             plans.append(actions.cpu().numpy())

@@ -45,27 +45,90 @@ class Slots(NamedTuple):
     colours: NDArray[np.uint32]
     """The colour of each slot, as one number, shape (K,)."""
 
+    @classmethod
+    def of(cls, picture: NDArray[np.uint8]) -> Slots:
+        """Return the slots of a picture of shape (side, side, 3).
 
-def slots_of(picture: NDArray[np.uint8]) -> Slots:
-    """Return the slots of a picture of shape (side, side, 3).
+        Raises:
+            ValueError: The picture has more than `MOST_SLOTS` colours, as resized pictures do.
+        """
+        rows = _different(picture.reshape(len(picture), -1))
+        red, green, blue = np.moveaxis(picture[rows].astype(np.uint32), 2, 0)
+        pixels = red << 16 | green << 8 | blue
+        columns = _different(pixels.T)
+        pixels = pixels[:, columns]
+        colours, first, which = np.unique(pixels, return_index=True, return_inverse=True)
+        if len(colours) > MOST_SLOTS:
+            raise ValueError(
+                f"a picture has {len(colours)} colours, more than {MOST_SLOTS}: show pictures of "
+                "flat colours, as with image_size=600"
+            )
+        order = first.argsort()
+        grid = order.argsort().astype(np.uint8)[which].reshape(pixels.shape)
+        return cls(grid, rows.cumsum() - 1, columns.cumsum() - 1, colours[order])
 
-    Raises:
-        ValueError: The picture has more than `MOST_SLOTS` colours, as resized pictures do.
-    """
-    rows = _different(picture.reshape(len(picture), -1))
-    red, green, blue = np.moveaxis(picture[rows].astype(np.uint32), 2, 0)
-    pixels = red << 16 | green << 8 | blue
-    columns = _different(pixels.T)
-    pixels = pixels[:, columns]
-    colours, first, which = np.unique(pixels, return_index=True, return_inverse=True)
-    if len(colours) > MOST_SLOTS:
-        raise ValueError(
-            f"a picture has {len(colours)} colours, more than {MOST_SLOTS}: show pictures of flat "
-            "colours, as with image_size=600"
+    def scene(self, height: int, width: int, cell: int = CELL) -> Scene:
+        """Return the slots in each block, as a bit set.
+
+        Args:
+            height: The number of rows of the labyrinth, which is centred and has square cells.
+            width: The number of columns.
+            cell: The number of blocks on each side of a cell.
+        """
+        blocks, side = cell * max(height, width), len(self.rows)
+        bounds = np.arange(blocks + 1) * side // blocks
+        ends = np.maximum(bounds[1:] - 1, bounds[:-1])  # Blocks may be smaller than a pixel.
+        scene = np.zeros([length + 1 for length in self.grid.shape], np.uint16)
+        np.left_shift(1, self.grid, out=scene[:-1, :-1], dtype=np.uint16)
+        rows, columns = (
+            np.stack([lines[bounds[:-1]], lines[ends] + 1], axis=1).reshape(-1)
+            for lines in (self.rows, self.columns)
         )
-    order = first.argsort()
-    grid = order.argsort().astype(np.uint8)[which].reshape(pixels.shape)
-    return Slots(grid, rows.cumsum() - 1, columns.cumsum() - 1, colours[order])
+        scene = np.bitwise_or.reduceat(scene, rows, 0)[::2]
+        scene = np.bitwise_or.reduceat(scene, columns, 1)[:, ::2]
+        top, left = (blocks // 2 - cell * cells // 2 for cells in (height, width))
+        return scene[top : top + cell * height, left : left + cell * width]
+
+    def cell_of(self, colour: int, height: int, width: int) -> int:
+        """Return the cell at the middle of a colour, counted from the top left, row by row.
+
+        If the picture lacks the colour, return the cell at the middle of the picture.
+
+        Args:
+            colour: As in `Slots`.
+            height: The number of rows of the labyrinth.
+            width: The number of columns.
+        """
+        side, most = len(self.rows), max(height, width)
+        mask = (self.colours == colour)[self.grid]
+        along = mask.any(axis=1)[self.rows], mask.any(axis=0)[self.columns]
+        cell = 0
+        for there, cells in zip(map(np.flatnonzero, along), (height, width), strict=True):
+            middle = int(there[0] + there[-1] + 1) if there.size else side
+            place = (middle * most - (most - cells) * side) // (2 * side)
+            cell = cell * cells + min(max(place, 0), cells - 1)
+        return cell
+
+    def shifted(self, down: int, right: int) -> Slots:
+        """Return slots moved by some pixels; pixels at the border are repeated."""
+        places = np.arange(len(self.rows))
+        rows, columns = ((places - by).clip(0, len(places) - 1) for by in (down, right))
+        return self._replace(rows=self.rows[rows], columns=self.columns[columns])
+
+    def grown(self, slot: int, by: int) -> Slots:
+        """Return slots after growing one by some pixels in all directions, over the others."""
+        # The number of the slot's entries above and left of each corner of the grid.
+        before = np.zeros([length + 1 for length in self.grid.shape], np.int32)
+        (self.grid == slot).cumsum(0, np.int32).cumsum(1, out=before[1:, 1:])
+        (rows, (above, below, down)), (columns, (left, right, along)) = (
+            _within(lines, by) for lines in (self.rows, self.columns)
+        )
+        between = before[below] - before[above]
+        covered = between[:, right] > between[:, left]
+        grid = np.where(covered, np.uint8(slot), self.grid[down[:, None], along])
+        tall, wide = _different(grid), _different(grid.T)
+        rows, columns = (tall.cumsum() - 1)[rows], (wide.cumsum() - 1)[columns]
+        return self._replace(grid=grid[tall][:, wide], rows=rows, columns=columns)
 
 
 def _different(lines: NDArray[Any]) -> NDArray[np.bool_]:
@@ -73,74 +136,6 @@ def _different(lines: NDArray[Any]) -> NDArray[np.bool_]:
     new = np.ones(len(lines), np.bool_)
     new[1:] = (lines[1:] != lines[:-1]).any(axis=1)
     return new
-
-
-def scene_of(slots: Slots, height: int, width: int, cell: int = CELL) -> Scene:
-    """Return the slots in each block, as a bit set.
-
-    Args:
-        slots: The slots of a picture.
-        height: The number of rows of the labyrinth, which is centred and has square cells.
-        width: The number of columns.
-        cell: The number of blocks on each side of a cell.
-    """
-    blocks, side = cell * max(height, width), len(slots.rows)
-    bounds = np.arange(blocks + 1) * side // blocks
-    ends = np.maximum(bounds[1:] - 1, bounds[:-1])  # Blocks may be smaller than a pixel.
-    scene = np.zeros([length + 1 for length in slots.grid.shape], np.uint16)
-    np.left_shift(1, slots.grid, out=scene[:-1, :-1], dtype=np.uint16)
-    rows, columns = (
-        np.stack([lines[bounds[:-1]], lines[ends] + 1], axis=1).reshape(-1)
-        for lines in (slots.rows, slots.columns)
-    )
-    scene = np.bitwise_or.reduceat(np.bitwise_or.reduceat(scene, rows, 0)[::2], columns, 1)[:, ::2]
-    top, left = (blocks // 2 - cell * cells // 2 for cells in (height, width))
-    return scene[top : top + cell * height, left : left + cell * width]
-
-
-def cell_of_colour(slots: Slots, colour: int, height: int, width: int) -> int:
-    """Return the cell at the middle of a colour, counted from the top left, row by row.
-
-    If the picture lacks the colour, return the cell at the middle of the picture.
-
-    Args:
-        slots: The slots of a picture.
-        colour: As in `Slots`.
-        height: The number of rows of the labyrinth.
-        width: The number of columns.
-    """
-    side, most = len(slots.rows), max(height, width)
-    mask = (slots.colours == colour)[slots.grid]
-    along = mask.any(axis=1)[slots.rows], mask.any(axis=0)[slots.columns]
-    cell = 0
-    for there, cells in zip(map(np.flatnonzero, along), (height, width), strict=True):
-        middle = int(there[0] + there[-1] + 1) if there.size else side
-        place = (middle * most - (most - cells) * side) // (2 * side)
-        cell = cell * cells + min(max(place, 0), cells - 1)
-    return cell
-
-
-def shifted(slots: Slots, down: int, right: int) -> Slots:
-    """Return slots moved by some pixels; pixels at the border are repeated."""
-    places = np.arange(len(slots.rows))
-    rows, columns = ((places - by).clip(0, len(places) - 1) for by in (down, right))
-    return slots._replace(rows=slots.rows[rows], columns=slots.columns[columns])
-
-
-def grown(slots: Slots, slot: int, by: int) -> Slots:
-    """Return slots after growing one by some pixels in all directions, over the others."""
-    # The number of the slot's entries above and left of each corner of the grid.
-    before = np.zeros([length + 1 for length in slots.grid.shape], np.int32)
-    (slots.grid == slot).cumsum(0, np.int32).cumsum(1, out=before[1:, 1:])
-    (rows, (above, below, down)), (columns, (left, right, along)) = (
-        _within(lines, by) for lines in (slots.rows, slots.columns)
-    )
-    between = before[below] - before[above]
-    covered = between[:, right] > between[:, left]
-    grid = np.where(covered, np.uint8(slot), slots.grid[down[:, None], along])
-    tall, wide = _different(grid), _different(grid.T)
-    rows, columns = (tall.cumsum() - 1)[rows], (wide.cumsum() - 1)[columns]
-    return slots._replace(grid=grid[tall][:, wide], rows=rows, columns=columns)
 
 
 def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

@@ -29,6 +29,23 @@ def transformed_actions(symmetry: int) -> list[int]:
     return [-action % 4 for action in quarters] if symmetry >= 4 else quarters
 
 
+def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
+    """Transform an eighth of the examples by each symmetry of the square; return all of them.
+
+    Args:
+        pictures: Shape (N, size, size, 3).
+        labels: The action of each picture, or of each cell; -1 for none.
+    """
+    seen, turned = [], []
+    for symmetry in SYMMETRIES:
+        # The last entry maps -1, which stands for no label, to itself.
+        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
+        some = actions[labels[symmetry :: len(SYMMETRIES)]]
+        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
+        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
+    return torch.cat(seen), torch.cat(turned)
+
+
 class Averaged(nn.Module):
     """A network whose outputs in evaluation mode are averaged over the symmetries of its input.
 

@@ -76,7 +76,9 @@ function square(pencil, grid, cell, colour, twelfths = 0) {
 
 function paintTiles(pencil, labyrinth, grid, colours, state) {
   const phase = state === null ? 0 : Math.floor(state / labyrinth.up.length);
-  for (const cell of labyrinth.ice) square(pencil, grid, cell, rgb(colours.ice));
+  for (const tile of TILES.filter(({ many }) => many)) {
+    for (const cell of labyrinth[tile.name]) square(pencil, grid, cell, rgb(colours[tile.name]));
+  }
   square(pencil, grid, labyrinth.start, rgb(colours.start));
   square(pencil, grid, labyrinth.goal, rgb(colours.goal));
   if (labyrinth.key !== null && phase === 0) {

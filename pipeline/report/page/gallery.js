@@ -138,9 +138,9 @@ function galleryKey(event) {
 /** Show the meaning of each colour that occurs in the datasets. */
 function setUpLegend() {
   const tiles = { start: "start", goal: "goal" };
-  const tasks = new Set(DATA.datasets.map(({ task }) => task));
-  if (tasks.has("key_and_door")) Object.assign(tiles, { key: "key", door: "door" });
-  if (tasks.has("icy_floor")) tiles.ice = "ice, which ends the episode";
+  for (const { task } of DATA.datasets) {
+    for (const { name, meaning } of DATA.tasks[task].tiles) tiles[name] = meaning;
+  }
   tiles.agent = "agent, in an episode";
   for (const [tile, words] of Object.entries(tiles)) {
     const swatch = element("i", { class: "swatch" });

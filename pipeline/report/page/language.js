@@ -1,17 +1,12 @@
 // The text language, as labyrinth_core.language.text writes it.
 
-const SETTINGS = {
-  key_and_lock: "key_and_door",
-  icy_floor: "icy_floor",
-  occlusion: "partial_observability",
-};
-
 /** Return the text of a labyrinth. */
 function dump(labyrinth) {
   const { height, width, up, right, task } = labyrinth;
-  const tiles = new Map(labyrinth.ice.map((cell) => [cell, "I"]));
-  if (labyrinth.key !== null) tiles.set(labyrinth.key, "K");
-  if (labyrinth.door !== null) tiles.set(labyrinth.door, "D");
+  const tiles = new Map();
+  for (const tile of DATA.tasks[task].tiles) {
+    for (const cell of cellsOf(labyrinth, tile)) tiles.set(cell, tile.letter);
+  }
   tiles.set(labyrinth.start, "S");
   tiles.set(labyrinth.goal, "E");
   const columns = Array.from({ length: width }, (_, column) => column);
@@ -28,8 +23,5 @@ function dump(labyrinth) {
     });
     lines.push(`|${cells.join("")}`);
   }
-  const settings = Object.entries(SETTINGS).map(
-    ([name, switchedOn]) => `${name}: ${switchedOn === task ? "True" : "False"}\n`,
-  );
-  return `${settings.join("")}\nlabyrinth:\n${lines.join("\n")}\n${outerWall}\nend\n`;
+  return `${DATA.tasks[task].settings}\nlabyrinth:\n${lines.join("\n")}\n${outerWall}\nend\n`;
 }

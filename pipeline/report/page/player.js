@@ -69,7 +69,7 @@ function drawState(state) {
   const cells = labyrinth.up.length;
   const view = { state, route: states.slice(0, player.at + 1).map((each) => each % cells) };
   if (byId("arrows").checked) view.arrows = arrowsOf(labyrinth, distance, state);
-  if (byId("seen").checked && labyrinth.task === "partial_observability") {
+  if (byId("seen").checked && DATA.tasks[labyrinth.task].hides) {
     view.seen = visibleFrom(labyrinth, state % cells);
   }
   const stage = byId("stage");

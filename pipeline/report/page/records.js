@@ -6,6 +6,13 @@ const ARRAYS = { uint8: Uint8Array, uint16: Uint16Array, uint32: Uint32Array };
 const fromBase64 = (text) =>
   Uint8Array.fromBase64?.(text) ?? Uint8Array.from(atob(text), (char) => char.charCodeAt(0));
 
+/** The tiles of all tasks, see `labyrinth.Tile`. */
+const TILES = Object.values(DATA.tasks).flatMap(({ tiles }) => tiles);
+
+/** Return the cells of a labyrinth that show a tile. */
+const cellsOf = (labyrinth, { name, many }) =>
+  many ? labyrinth[name] : labyrinth[name] === null ? [] : [labyrinth[name]];
+
 /** One split of a dataset. */
 class Block {
   constructor(dataset, split, first) {
@@ -49,17 +56,23 @@ class Block {
 
   labyrinth(index) {
     const { height, width, task } = this.dataset;
-    const has = (name) => name in this.split.columns;
-    const ice = has("ice") ? this.bits("ice", index) : [];
+    const tiles = {};
+    for (const { name, many } of TILES) {
+      const isThere = name in this.split.columns;
+      if (many) {
+        const shown = isThere ? this.bits(name, index) : [];
+        tiles[name] = [...shown.keys()].filter((cell) => shown[cell]);
+      } else {
+        tiles[name] = isThere ? this.column(name)[index] : null;
+      }
+    }
     return {
       height, width, task,
       up: this.bits("up", index),
       right: this.bits("right", index),
       start: this.column("start")[index],
       goal: this.column("goal")[index],
-      key: has("key") ? this.column("key")[index] : null,
-      door: has("door") ? this.column("door")[index] : null,
-      ice: [...ice.keys()].filter((cell) => ice[cell]),
+      ...tiles,
     };
   }
 

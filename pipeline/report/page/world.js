@@ -18,25 +18,6 @@ function move(labyrinth, cell, action) {
   return isOpen(labyrinth, cell, action) ? cell + [width, 1, -width, -1][action] : cell;
 }
 
-/** Return the number of moves from `source` to each cell without entering `blocked` cells. */
-function cellDistances(labyrinth, source, blocked) {
-  const distance = new Int32Array(labyrinth.up.length).fill(UNREACHABLE);
-  for (const cell of blocked) distance[cell] = 0; // As if visited already; undone at the end.
-  distance[source] = 0;
-  const queue = [source];
-  for (const cell of queue) {
-    for (let action = 0; action < 4; action++) {
-      const after = move(labyrinth, cell, action);
-      if (distance[after] < 0) {
-        distance[after] = distance[cell] + 1;
-        queue.push(after);
-      }
-    }
-  }
-  for (const cell of blocked) distance[cell] = UNREACHABLE;
-  return distance;
-}
-
 // The number of a state is its cell, plus the number of cells if the agent has the key, and once
 // more if the door is open.
 
@@ -57,17 +38,19 @@ function transition(labyrinth, state, action) {
 function distances(labyrinth) {
   const { goal, door, ice } = labyrinth;
   const cells = labyrinth.up.length;
-  if (door === null) return cellDistances(labyrinth, goal, ice);
-  const predecessors = Array.from({ length: 3 * cells }, () => []);
-  for (let state = 0; state < 3 * cells; state++) {
-    // The agent cannot be on the door before it is open.
-    if (state === door || state === door + cells) continue;
+  const states = DATA.tasks[labyrinth.task].phases * cells;
+  // The agent cannot leave ice, nor be on the door before it is open.
+  const blocked = new Set(door === null ? ice : [door, door + cells]);
+  const predecessors = Array.from({ length: states }, () => []);
+  for (let state = 0; state < states; state++) {
+    if (blocked.has(state)) continue;
     for (let action = 0; action < 4; action++) {
       predecessors[transition(labyrinth, state, action)].push(state);
     }
   }
-  const distance = new Int32Array(3 * cells).fill(UNREACHABLE);
-  const queue = [goal, goal + cells, goal + 2 * cells];
+  const distance = new Int32Array(states).fill(UNREACHABLE);
+  const queue = [];
+  for (let state = goal; state < states; state += cells) queue.push(state);
   for (const state of queue) distance[state] = 0;
   for (const state of queue) {
     for (const before of predecessors[state]) {

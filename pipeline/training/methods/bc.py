@@ -14,18 +14,13 @@ from dataclasses import dataclass
 from math import fsum
 from typing import Any
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.policies.networks.acting import make_network
-from labyrinth_core.policies.networks.symmetry import (
-    SYMMETRIES,
-    transform,
-    transformed_actions,
-)
+from labyrinth_core.policies.networks.symmetry import transform_examples
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import check
 
@@ -94,23 +89,6 @@ class Method(Learner):
     def loss(self, pictures: Tensor, labels: Tensor) -> Tensor:
         """Return the mean loss of a batch of examples."""
         return functional.cross_entropy(self.policy(pictures), labels)
-
-
-def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
-    """Transform an eighth of the examples by each symmetry of the square; return all of them.
-
-    Args:
-        pictures: Shape (N, size, size, 3).
-        labels: As returned by `ExampleSampler.draw`.
-    """
-    seen, turned = [], []
-    for symmetry in SYMMETRIES:
-        # The last entry maps -1 (`NO_LABEL`) to itself.
-        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
-        some = actions[labels[symmetry :: len(SYMMETRIES)]]
-        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
-        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
-    return torch.cat(seen), torch.cat(turned)
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:

@@ -42,13 +42,8 @@ from labyrinth_core.policies.networks.slots import (
     Scene,
     Slots,
     Surroundings,
-    cell_of_colour,
-    grown,
     masks_of,
     places_of,
-    scene_of,
-    shifted,
-    slots_of,
 )
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import state_at
@@ -99,7 +94,7 @@ class Method(Learner):
         seen = self.look(np.arange(len(arrays.labyrinth)))
         self.colours = self.moving_colours(seen)
         slots = zip(seen, self.colours[arrays.labyrinth].tolist(), strict=True)
-        self.cells = np.array([cell_of_colour(*each, *self.size) for each in slots])
+        self.cells = np.array([each.cell_of(colour, *self.size) for each, colour in slots])
         there, here = (np.divmod(self.cells[each], self.size[1]) for each in (after, self.states))
         moves = np.stack(there, axis=1) - np.stack(here, axis=1)
         known = np.array([*AROUND, (0, 0)])
@@ -152,7 +147,7 @@ class Method(Learner):
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
             view = (labyrinth, state_at(labyrinth, int(arrays.state[state])))
-            found.append(slots_of(spec.look([view])[0]))
+            found.append(Slots.of(spec.look([view])[0]))
         return found
 
     def draw(self, states: NDArray[np.int64], overgrown: int) -> tuple[Tensor, Tensor]:
@@ -178,21 +173,21 @@ class Method(Learner):
 
         def shown(slots: Slots) -> Scene:
             """Return the slots in the middle, at each side and corner of cells, or anywhere."""
-            scene = scene_of(slots, *self.size, 4)
+            scene = slots.scene(*self.size, 4)
             for axis, count in enumerate(scene.shape):
                 starts = [0] if overgrown else [0, *range(1, count, 2)]
                 scene = np.bitwise_or.reduceat(scene, starts, axis)
             return scene
 
         down, right = rng.integers(-settings.shift, settings.shift, 2, endpoint=True).tolist()
-        slots = shifted(slots, down, right)
+        slots = slots.shifted(down, right)
         before = shown(slots)
         for slot in rng.permutation(len(slots.colours)).tolist():
-            larger = grown(slots, slot, int(rng.integers(most, endpoint=True)))
+            larger = slots.grown(slot, int(rng.integers(most, endpoint=True)))
             after = shown(larger)
             if not (before & ~after).any():
                 slots, before = larger, after
-        return scene_of(slots, *self.size)
+        return slots.scene(*self.size)
 
     def epoch(self) -> dict[str, float]:
         self.policy.train()
@@ -247,7 +242,7 @@ def moving_colour(pictures: Sequence[Slots], height: int, width: int) -> int | N
     """
     places = []
     for slots in pictures:
-        cells = scene_of(slots, height, width, 1)
+        cells = slots.scene(height, width, 1)
         numbers = enumerate(slots.colours.tolist())
         places.append({colour: (cells >> number & 1).tobytes() for number, colour in numbers})
     before, after = places

@@ -20,7 +20,8 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.storage import locked
 
-FIELDS = [field.name for field in fields(Transitions) if field.name != "optimal"]
+NOT_CACHED = "optimal", "columns"
+FIELDS = [field.name for field in fields(Transitions) if field.name not in NOT_CACHED]
 NAME, OTHER = (f"5x5-train-2-{digit * 32}" for digit in "01")
 """Names of caches."""
 

@@ -10,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 from tampering import put_shards
 
-from labyrinth_core.data.dataset import Part
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.manifest import Manifest
@@ -118,7 +118,7 @@ def test_optimal_actions_are_those_of_each_state(run):
 
 
 def rows_of(run, split):
-    return Part(run.folder, Manifest.read(run.folder).of(split)).rows(pictures=False)
+    return Dataset.at(run.folder)[split].part().rows(pictures=False)
 
 
 @pytest.mark.parametrize("cells", [1, 40])

@@ -62,8 +62,8 @@ WAYS = {
     "shuffled": lambda: sum(1 for _ in stream_episodes(where, "3x3", shuffle=True, **vector)),
     "some of a stream": lambda: sum(1 for _ in stream_transitions(where, "3x3", where=moves)),
     "arrays": lambda: load_arrays(where, "3x3", "train"),
-    "validate": lambda: print(validate(path, Manifest.read(path))),
-    "structures": lambda: structures_in(path, Manifest.read(path)),
+    "validate": lambda: print(validate(Dataset.at(path))),
+    "structures": lambda: structures_in(Dataset.at(path)),
 }
 import pathlib
 path = pathlib.Path(where, "3x3")

@@ -37,7 +37,6 @@ from labyrinth_core import (
 )
 from labyrinth_core.data import dataset
 from labyrinth_core.data import stream as streaming
-from labyrinth_core.data.load import episodes_of
 from labyrinth_core.data.manifest import Manifest
 
 CONFIG = "3x4"
@@ -181,12 +180,14 @@ def test_no_more_is_held_than_the_buffer_and_one_item(folders, monkeypatch, buff
     longest = max(len(each) + 1 for each in load_episodes(*place, split="random", **VECTOR))
     alive = WeakSet()
 
-    def noted(*given):
-        for episode in episodes_of(*given):
+    whole_episodes = streaming._whole_episodes
+
+    def noted(episodes):
+        for episode in whole_episodes(episodes):
             alive.add(episode)
             yield episode
 
-    monkeypatch.setattr(streaming, "episodes_of", noted)
+    monkeypatch.setattr(streaming, "_whole_episodes", noted)
     for _ in stream_episodes(*place, split="random", shuffle=buffer, **VECTOR):
         assert 0 < sum(len(each) + 1 for each in alive) <= max(buffer, longest) + longest
 

@@ -9,11 +9,6 @@ from numpy.typing import NDArray
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
 from labyrinth_core.policies.networks.slots import (
     Slots,
-    cell_of_colour,
-    grown,
-    scene_of,
-    shifted,
-    slots_of,
 )
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -39,12 +34,12 @@ def labyrinth(request: pytest.FixtureRequest) -> Labyrinth:
 
 def test_slots_are_the_pixels_of_a_picture_in_any_palette(labyrinth: Labyrinth) -> None:
     picture = render(labyrinth, State(labyrinth.start))
-    slots = slots_of(picture)
+    slots = Slots.of(picture)
     colours = slots.colours[pixels_of(slots)]
     shown = np.stack([colours >> 16, colours >> 8 & 255, colours & 255], axis=2)
     assert np.array_equal(shown, picture)
     other = Style(*(tuple(each) for each in RNG.permutation(256)[:27].reshape(9, 3).tolist()))
-    again = slots_of(render(labyrinth, State(labyrinth.start), style=other))
+    again = Slots.of(render(labyrinth, State(labyrinth.start), style=other))
     for same in ("grid", "rows", "columns"):
         assert np.array_equal(getattr(slots, same), getattr(again, same))
     assert not np.intersect1d(slots.colours, again.colours).size
@@ -54,19 +49,19 @@ def test_slots_are_the_pixels_of_a_picture_in_any_palette(labyrinth: Labyrinth) 
 def test_the_agent_is_in_its_cell(labyrinth: Labyrinth, style: Style) -> None:
     structure = labyrinth.structure
     for agent in range(structure.cells):
-        slots = slots_of(render(labyrinth, State(agent), style=style))
+        slots = Slots.of(render(labyrinth, State(agent), style=style))
         row, column = divmod(agent, structure.width)
         cell = (structure.height - 1 - row) * structure.width + column
         size = structure.height, structure.width
-        assert cell_of_colour(slots, number_of(style.agent), *size) == cell
+        assert slots.cell_of(number_of(style.agent), *size) == cell
         number = int(np.flatnonzero(slots.colours == number_of(style.agent))[0])
-        there = scene_of(slots, *size, 1) >> number & 1
+        there = slots.scene(*size, 1) >> number & 1
         assert np.array_equal(np.flatnonzero(there), [cell])
 
 
 @pytest.mark.parametrize("by", [0, 1, 7])
 def test_a_slot_grows_over_the_others_and_pictures_shift(labyrinth: Labyrinth, by: int) -> None:
-    slots = slots_of(render(labyrinth, State(labyrinth.start)))
+    slots = Slots.of(render(labyrinth, State(labyrinth.start)))
     before = pixels_of(slots)
     for slot in range(len(slots.colours)):
         around = np.pad(before == slot, by)
@@ -74,8 +69,8 @@ def test_a_slot_grows_over_the_others_and_pictures_shift(labyrinth: Labyrinth, b
         for down in range(2 * by + 1):
             for right in range(2 * by + 1):
                 mask |= around[down:, right:][: len(mask), : len(mask)]
-        after = grown(slots, slot, by)
+        after = slots.grown(slot, by)
         assert np.array_equal(pixels_of(after), np.where(mask, slot, before))
-    moved = shifted(slots, by, -by)
+    moved = slots.shifted(by, -by)
     expected = np.pad(before, by, mode="edge")[: len(before), 2 * by :]
     assert np.array_equal(pixels_of(moved), expected)

@@ -23,7 +23,7 @@ from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.world.labyrinth import Task
 from labyrinth_core.world.sampling import ALGORITHMS
-from pipeline.config.composed import OPTIONS
+from pipeline.command.composed import OPTIONS
 from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.method import METHODS
@@ -134,7 +134,7 @@ IMPOSSIBLE: list[tuple[dict[str, Any], list[str]]] = [
     ({"shifts": ("nonsense",)}, ["shifts=[nonsense]: choose from [all, g, "]),
     ({"shifts": ("all", "g")}, ["shifts=[all, g]: give all alone, or some of [g, "]),
     ({"shifts": ("kruskal",), "sampler": "kruskal"}, ["kruskal is not possible: train is"]),
-    ({"shifts": ("trees",), "task": "icy_floor"}, ["trees is not possible: ice only"]),
+    ({"shifts": ("trees",), "task": "icy_floor"}, ["trees is not possible: without loops ice"]),
     ({"shifts": ("trees",), "open_walls": 0.0}, ["train has no loops already"]),
     ({"shifts": ("open",), "open_walls": 1.0}, ["train has all loops already"]),
     ({"shifts": ("one_wall",), "splits": SplitsConfig(2)}, ["splits.min_walls=2 keeps structures"]),

@@ -16,10 +16,10 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from making import RunConfig
 
-from pipeline.config.command_line import arranged, parsed, refusal
-from pipeline.config.composed import DEFAULTS, KINDS, unused
+from pipeline.command.command_line import arranged, parsed, refusal
+from pipeline.command.composed import DEFAULTS, KINDS, unused
+from pipeline.command.texts import quote_texts
 from pipeline.config.errors import ConfigError
-from pipeline.config.texts import quote_texts
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]

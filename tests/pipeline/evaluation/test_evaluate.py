@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from labyrinth_core import evaluate, load_policy
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -292,6 +293,5 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
-    manifests = [Manifest.read(small_dataset.folder)]
-    (shown,) = read_results(tmp_path / "runs", small_dataset.data_dir, manifests)
+    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
     assert shown["name"] == "bc-cnn-labyrinths3"

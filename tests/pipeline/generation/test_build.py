@@ -21,6 +21,7 @@ from making import Run
 from PIL import Image
 from tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
@@ -63,7 +64,7 @@ def test_what_was_built_is_valid_and_the_same_byte_for_byte_when_it_is_built_aga
 ) -> None:
     options = {"size": "4", "labyrinths": 4, "random_steps": 150, "task": task}
     run, again = (build(tmp_path / name, **options) for name in ("a", "b"))
-    assert validate(run.folder, Manifest.read(run.folder)) == []
+    assert validate(Dataset.at(run.folder)) == []
     assert content_of(again.data_dir) == content_of(run.data_dir)
 
 
@@ -117,7 +118,7 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
     for shard, recompressed in zip(here.shards, other.shards, strict=True):
         assert recompressed.fingerprint == shard.fingerprint
         assert recompressed.sha256 != shard.sha256
-    assert validate(folder, other) == []
+    assert validate(Dataset.at(folder, other)) == []
 
 
 # The files.
@@ -179,8 +180,8 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     assert shard.longest == 100
     assert max(sizes) < 20
     assert rows_by_split(folder) == rows_by_split(small_dataset.folder)
-    assert validate(folder, divided) == []
-    found = [count_dataset(each, Manifest.read(each)) for each in (folder, small_dataset.folder)]
+    assert validate(Dataset.at(folder, divided)) == []
+    found = [count_dataset(Dataset.at(each)) for each in (folder, small_dataset.folder)]
     assert str(found[0].splits) == str(found[1].splits)
     data_dirs = (tmp_path, small_dataset.data_dir)
     loaded = [load_episodes(each, "3x3", split="random") for each in data_dirs]

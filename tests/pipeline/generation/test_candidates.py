@@ -16,8 +16,12 @@ from joblib.externals.loky import get_reusable_executor
 from making import Run
 from tampering import content_of, cut_short
 
+from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.drawing import draw_labyrinths, own_labyrinth
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
+from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
@@ -58,6 +62,20 @@ def test_candidates_are_the_same_however_many_are_taken_at_once(config: DatasetC
         assert (drawn(counts) == whole).all()
 
 
+@pytest.mark.parametrize("options", [{"goals": "varied"}, {"task": "key_and_door"}], ids=str)
+def test_labyrinths_can_be_drawn_without_a_build(
+    make_run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch, options: dict[str, str]
+) -> None:
+    config = make_run(Path("nowhere"), size="4", labyrinths=20, **options).dataset
+    taken = sample(config, Candidates(config, cells=CHUNKS)).structures
+    monkeypatch.setattr(drawing, "CELLS_PER_CHUNK", CHUNKS)
+    for split in SAMPLED_SPLITS:
+        structures = unpack(config, taken[split])
+        assert list(islice(draw_labyrinths(config, split), config.labyrinths)) == [
+            own_labyrinth(config, split, each) for each in structures
+        ]
+
+
 @given(st.integers(0, 2**32), st.integers(2, 9), st.integers(2, 9))
 def test_structures_are_unpacked_as_they_were_packed(
     make_run: Callable[..., Run], seed: int, height: int, width: int
@@ -94,7 +112,7 @@ def test_only_a_dataset_that_one_chunk_does_not_suffice_for_has_the_newer_format
 ) -> None:
     manifest = Manifest.read(of_chunks.folder)
     assert manifest.format == FORMAT_OF_CHUNKS
-    assert validate(of_chunks.folder, manifest) == []
+    assert validate(Dataset.at(of_chunks.folder)) == []
     assert Manifest.read(small_dataset.folder).format == FORMAT
     begun = build(tmp_path / "a", **OF_CHUNKS | {"labyrinths": 8})
     whole = build(tmp_path / "b", **OF_CHUNKS | {"labyrinths": 8, "cells_per_chunk": (10**6, 1)})
@@ -108,7 +126,7 @@ def test_two_workers_make_the_bytes_that_one_makes_and_find_them_valid(
 ) -> None:
     try:
         run = build(tmp_path, **OF_CHUNKS, workers=2)
-        problems = validate(run.folder, Manifest.read(run.folder), workers=2)
+        problems = validate(Dataset.at(run.folder), workers=2)
     finally:
         get_reusable_executor().shutdown(wait=True)
     assert content_of(run.data_dir) == content_of(of_chunks.data_dir)

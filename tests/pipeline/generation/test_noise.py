@@ -14,7 +14,8 @@ from pyarrow.parquet import read_table
 from tampering import problems
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data.manifest import TABLE, Manifest
+from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.world.dynamics import State, initial, state_index, transition
 from labyrinth_core.world.labyrinth import Labyrinth, Task
 from labyrinth_core.world.solver import optimal_actions
@@ -35,8 +36,8 @@ def noisy(build: Build, folder: Path, noise: float, **options: object) -> Run:
 def steps(run: Run, split: str = "train") -> list[tuple[Labyrinth, State, int]]:
     """Return labyrinth, state and action of each step of a split."""
     found = []
-    for shard in Manifest.read(run.folder).of(split):
-        for route in routes_of(run.folder, shard):
+    for file in Dataset.at(run.folder).files(split):
+        for route in routes_of(file):
             state = initial(route.labyrinth)
             for action in route.actions:
                 found.append((route.labyrinth, state, action))

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 from making import run_of
 
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.world.dynamics import Action, replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
-from pipeline.generation.labyrinths import Solution
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 

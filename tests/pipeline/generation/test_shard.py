@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from making import Run
 
+from labyrinth_core.data.format import NUMBERS
 from labyrinth_core.data.storage import write_bytes
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
@@ -69,13 +70,25 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
 # The fingerprint.
 
 
+VALUES_OF_KIND = {
+    "i": st.integers(-1, 3),
+    "f": st.floats(width=32, allow_nan=False),
+    "b": st.booleans(),
+}
+
+
+def another(number: float) -> float:
+    """Return another value of the same column."""
+    if isinstance(number, bool):
+        return not number
+    return number + 1 if abs(number) < 1e6 else type(number)(0.5)
+
+
 rows = st.builds(
     Row,
     obs=st.just(b""),
     obs_path=st.just(""),
-    actions=st.integers(-1, 3),
-    rewards=st.floats(width=32, allow_nan=False),
-    episode_starts=st.booleans(),
+    numbers=st.tuples(*(VALUES_OF_KIND[column.dtype.kind] for column in NUMBERS)),
     info=st.text(max_size=9),
     picture_digest=st.binary(min_size=16, max_size=16),
 )
@@ -95,9 +108,10 @@ def test_any_change_of_a_row_changes_the_fingerprint(some: list[Row], data: st.D
     change = data.draw(
         st.sampled_from(
             [
-                {"actions": row.actions + 1},
-                {"rewards": row.rewards + 1 if abs(row.rewards) < 1e6 else 0.5},
-                {"episode_starts": not row.episode_starts},
+                *(
+                    {"numbers": (*row.numbers[:at], another(number), *row.numbers[at + 1 :])}
+                    for at, number in enumerate(row.numbers)
+                ),
                 {"info": row.info + " "},
                 {"picture_digest": row.picture_digest[:15] + bytes([row.picture_digest[15] ^ 1])},
             ]

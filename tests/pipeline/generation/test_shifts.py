@@ -17,9 +17,9 @@ from rich.progress import Progress
 from tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays, of_the_learnt
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
 from labyrinth_core.world.sampling import sample_structures
@@ -191,7 +191,7 @@ def test_a_shard_whose_parents_have_no_such_variant_is_empty(build: Build, tmp_p
     manifest = Manifest.read(run.folder)
     assert [shard.labyrinths for shard in manifest.of("one_wall")] == [2, 0]
     assert problems(run.folder) == []
-    assert count_dataset(run.folder, manifest).splits["one_wall"].labyrinths == 2
+    assert count_dataset(Dataset.at(run.folder, manifest)).splits["one_wall"].labyrinths == 2
     loaded = load_transitions(run.data_dir, "3x3", split="one_wall", cache_dir=False)
     assert len(set(loaded.labyrinth_ids)) == 2
 
@@ -201,7 +201,7 @@ def test_equal_twins_of_two_labyrinths_of_train_are_one(build: Build, tmp_path: 
     """With this seed the last two of train have the same twin, whose rows would be taken as one."""
     run = build(tmp_path, labyrinths=32, seed=6, random_steps=5, shifts=("one_wall",))
     assert problems(run.folder) == []
-    counts = count_dataset(run.folder, Manifest.read(run.folder)).splits["one_wall"]
+    counts = count_dataset(Dataset.at(run.folder)).splits["one_wall"]
     assert counts.labyrinths == counts.episodes == 9
 
 
@@ -211,12 +211,10 @@ def test_who_learnt_from_some_labyrinths_is_judged_on_those_derived_from_them(
 ) -> None:
     """With these options `g` lacks labyrinths 10 and 13 of train."""
     options = {"size": "4", "task": "key_and_door", "labyrinths": 20, "shifts": ("g",)}
-    place = build(tmp_path, **options, random_steps=5).data_dir, "4x4-key_and_door"
+    data = Dataset.at(build(tmp_path, **options, random_steps=5).folder)
 
     def structures(split: str) -> list[Structure]:
-        some = of_the_learnt(*place, split, 19)
-        arrays = load_arrays(*place, split, observation="vector", **some)
-        return [each.structure for each in arrays.labyrinths]
+        return [each.structure for each in data.of_first(split, 19).labyrinths]
 
     train = structures("train")
     assert structures("s0") == train

@@ -21,6 +21,7 @@ from making import Run
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.drawing import item_rng
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.buckets import BUCKETS, split_of
 from labyrinth_core.world.labyrinth import Structure
@@ -29,7 +30,6 @@ from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack
-from pipeline.generation.labyrinths import item_rng
 from pipeline.generation.structures import check_capacity, sample
 
 MakeRun = Callable[..., Run]

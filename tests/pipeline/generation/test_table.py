@@ -24,6 +24,7 @@ from datasets import load_dataset
 from making import Run
 from tampering import Rows, read_rows
 
+from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
@@ -32,7 +33,6 @@ from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, Structure
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation import table
-from pipeline.generation.labyrinths import Solution
 
 pytestmark = pytest.mark.slow
 

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import chain
 
 import numpy as np
 import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.data.dataset import Part
-from labyrinth_core.data.episodes import grouped
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
@@ -34,14 +33,13 @@ def dataset(build, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def contents(dataset):
-    return read_contents(dataset, Manifest.read(dataset))[1]
+    return read_contents(Dataset.at(dataset))[1]
 
 
 def rows_of(dataset, split):
     """Return the labyrinth and the action, if any, and the agent's cell of each row."""
-    shards = Manifest.read(dataset).of(split)
     rows = []
-    for group in grouped(Part(dataset, shards).rows(pictures=False)):
+    for group in chain.from_iterable(file.episodes() for file in Dataset.at(dataset).files(split)):
         for text, actions, _ in group.each():
             labyrinth = parse(text)
             cells = [state.agent for state in replay(labyrinth, actions).states]

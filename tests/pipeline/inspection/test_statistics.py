@@ -10,6 +10,7 @@ from making import make
 from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 from tampering import cut_short
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import Manifest
@@ -24,7 +25,7 @@ pytestmark = pytest.mark.slow
 
 
 def measured(folder):
-    return count_dataset(folder, Manifest.read(folder))
+    return count_dataset(Dataset.at(folder))
 
 
 def episodes(folder, split):
@@ -93,7 +94,7 @@ def test_shards_and_workers_change_nothing(carded, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
-    cut, whole = count_dataset(folder, manifest, 2), measured(carded / DEFAULT)
+    cut, whole = count_dataset(Dataset.at(folder, manifest), 2), measured(carded / DEFAULT)
     assert cut.certificate == whole.certificate
     for split, counts in cut.splits.items():
         one, other = vars(counts), vars(whole.splits[split])

@@ -21,8 +21,9 @@ from joblib.externals.loky import get_reusable_executor
 from making import Run
 from tampering import content_of
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.manifest import Shard
 from pipeline.config.errors import ConfigError
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
@@ -202,7 +203,7 @@ def test_a_running_dask_that_loses_a_worker_makes_the_bytes_that_one_process_mak
         cluster("dask", 2, started.scheduler_address),
     ):
         folder = build(tmp_path / "data", workers=2).folder
-        assert validate(folder, Manifest.read(folder), workers=2) == []
+        assert validate(Dataset.at(folder), workers=2) == []
     assert (tmp_path / "died").exists()
     assert content_of(folder) == content_of(small_dataset.folder)
 

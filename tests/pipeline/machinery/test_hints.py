@@ -14,8 +14,8 @@ from commands import RUN, run
 from making import Run, RunConfig, resolve
 from quick_python import python
 
+from pipeline.command.hints import next_command
 from pipeline.config.stages import STAGES
-from pipeline.machinery.hints import next_command
 from pipeline.release.options import PublishOptions
 
 

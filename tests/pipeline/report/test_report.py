@@ -14,6 +14,7 @@ from reporting import METHOD, analyse, evaluate, evaluate_own
 from tampering import content_of
 
 from labyrinth_core import evaluate as evaluate_policy
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
@@ -50,10 +51,10 @@ def routes_in(dataset):
 
 
 def test_shards_add_up_to_what_they_are_together(small_dataset):
-    manifest, found = Manifest.read(small_dataset.folder), routes_in(small_dataset)
+    found = routes_in(small_dataset)
     whole, parts = pack_routes(found, ROOMY), pack_routes(found[:3], ROOMY)
     parts.extend(pack_routes(found[3:], ROOMY))
-    assert parts == whole == pack(small_dataset.folder, manifest, "train", ROOMY)
+    assert parts == whole == pack(Dataset.at(small_dataset.folder), "train", ROOMY)
 
 
 @pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
@@ -106,29 +107,29 @@ def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
 def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
     folder = data_dir / "3x3"
     manifest = Manifest.read(folder)
-    assert read_analysis(folder, manifest) is None
+    assert read_analysis(Dataset.at(folder, manifest)) is None
     content = analyse(folder)
-    found = read_analysis(folder, manifest)
+    found = read_analysis(Dataset.at(folder, manifest))
     counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
     assert found["pairs"][0]["counts"] == counts
     assert found["pairs"][0]["spread"] == "0, 4"
     (folder / ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
-    assert read_analysis(folder, manifest) is None
+    assert read_analysis(Dataset.at(folder, manifest)) is None
 
 
 def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     manifest = Manifest.read(folder)
-    assert read_results(runs, data_dir, [manifest]) == []
+    assert read_results(runs, [Dataset.at(folder, manifest)]) == []
     failed = {seed: evaluate(folder, runs, seed) for seed in (3, 2)}
-    (method,) = read_results(runs, data_dir, [manifest])
+    (method,) = read_results(runs, [Dataset.at(folder, manifest)])
     assert (method["name"], method["config"]) == (METHOD, "3x3")
     told = {run["name"]: run["splits"]["test"]["failed"] for run in method["runs"]}
     assert list(told.items()) == [(f"{METHOD}-seed{seed}", failed[seed]) for seed in (2, 3)]
     for name in told:
         path = runs / "3x3" / name / "results.json"
         path.write_text(path.read_text().replace(manifest.fingerprint, "1" * 64))
-    assert read_results(runs, data_dir, [manifest]) == []
+    assert read_results(runs, [Dataset.at(folder, manifest)]) == []
 
 
 def test_seeds_of_other_settings_are_shown_apart_and_a_copied_run_is_left_out(
@@ -143,7 +144,7 @@ def test_seeds_of_other_settings_are_shown_apart_and_a_copied_run_is_left_out(
     content["run"]["settings"]["epochs"] = 99
     path.write_text(json.dumps(content), encoding="utf-8")
     shutil.copytree(of_seed[0], runs / "3x3" / "copy")
-    shown = read_results(runs, data_dir, [Manifest.read(folder)])
+    shown = read_results(runs, [Dataset.at(folder)])
     assert [each["name"] for each in shown] == [each.name for each in of_seed]
     assert [len(each["runs"]) for each in shown] == [1, 1]
     assert "copy/results.json belongs to the run 3x3/" in capsys.readouterr().out
@@ -153,8 +154,7 @@ def test_results_on_shifts_are_shown_also_where_there_are_no_others(build, tmp_p
     run = build(tmp_path / "labyrinth", shifts=("g",))
     results = evaluate_policy(lambda seen: [1] * len(seen), run.data_dir, "3x3", splits=["g"])
     results.save(tmp_path / "results/submissions/x.json", name="right")
-    manifests = [Manifest.read(run.folder)]
-    (shown,) = read_results(tmp_path, run.data_dir, manifests, tmp_path / "results")
+    (shown,) = read_results(tmp_path, [Dataset.at(run.folder)], tmp_path / "results")
     assert shown["splits"].keys() == shown["baselines"].keys() == {"g"}
 
 
@@ -164,7 +164,7 @@ def test_a_policy_that_no_run_made_is_shown_after_them_with_the_splits_that_it_h
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     evaluate_own(folder, runs, "A policy of mine")
     evaluate(folder, runs)
-    method, own = read_results(runs, data_dir, [Manifest.read(folder)])
+    method, own = read_results(runs, [Dataset.at(folder)])
     assert (method["name"], own["name"]) == (METHOD, "A policy of mine")
     assert own["splits"].keys() == own["baselines"].keys() == {"test"}
     (run,) = own["runs"]
@@ -186,7 +186,7 @@ def test_what_was_submitted_is_shown_once_and_last_and_what_is_refused_is_named(
     damaged = results / "submissions" / "damaged.json"
     damaged.write_text("{}")
     (gone := results / "submissions" / "gone.json").symlink_to("nowhere")
-    shown = read_results(runs, data_dir, [Manifest.read(folder)], results)
+    shown = read_results(runs, [Dataset.at(folder)], results)
     assert [(each["name"], each["submitted"]) for each in shown] == [
         ("Mine", False),
         ("Theirs", True),
@@ -200,7 +200,7 @@ def test_what_was_submitted_is_shown_once_and_last_and_what_is_refused_is_named(
 def test_a_method_is_the_mean_of_its_runs_and_fails_where_all_of_them_do(data_dir, tmp_path):
     folder, runs = data_dir / "3x3", tmp_path / "runs"
     failed = [evaluate(folder, runs, seed) for seed in (0, 1)]
-    (method,) = read_results(runs, data_dir, [Manifest.read(folder)])
+    (method,) = read_results(runs, [Dataset.at(folder)])
     test = method["splits"]["test"]
     told = [run["splits"]["test"] for run in method["runs"]]
     assert test["sr"] == told[0]["sr"] == told[1]["sr"] == 0.75
@@ -255,7 +255,7 @@ def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
         reduce(getitem, path, content)[last] = value
     (folder / ANALYSIS).write_text(json.dumps(content) if place else value)
     with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it again$"):
-        read_analysis(folder, Manifest.read(folder))
+        read_analysis(Dataset.at(folder))
 
 
 def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path):

@@ -20,7 +20,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task
+from labyrinth_core.world.labyrinth import TILES, Labyrinth, LabyrinthError, Task
 from labyrinth_core.world.solver import distances, optimal_actions
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.inspection.front_matter import finished
@@ -120,9 +120,10 @@ def of_the_page(labyrinth: Labyrinth) -> dict[str, Any]:
         "start": labyrinth.start,
         "goal": labyrinth.goal,
         "task": str(labyrinth.task),
-        "key": labyrinth.key,
-        "door": labyrinth.door,
-        "ice": sorted(labyrinth.ice),
+    } | {
+        tile.name: sorted(value) if tile.many else value
+        for tile in TILES
+        for value in [getattr(labyrinth, tile.name)]
     }
 
 

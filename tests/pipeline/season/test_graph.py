@@ -12,6 +12,7 @@ import pytest
 from graphs import elsewhere, endless, linear, node, tensor
 
 from labyrinth_core import evaluate
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.policies.load import MOST_BYTES
@@ -162,7 +163,7 @@ def test_a_graph_that_draws_at_random_is_refused_in_words_that_fit_a_judge(tmp_p
         fetched(str(tmp_path)) as submission,
         pytest.raises(PolicyError, match="answers the same observations differently: a season jud"),
     ):
-        judged(season, submission, small_dataset.data_dir, small_dataset.dataset)
+        judged(season, submission, Dataset.at(small_dataset.folder))
 
 
 def test_a_large_graph_and_what_is_no_graph_are_refused_before_they_are_read(tmp_path):

@@ -25,7 +25,7 @@ from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.policies.networks.slots import CELL, masks_of, scene_of, slots_of
+from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
 from labyrinth_core.world.dynamics import State
 from labyrinth_core.world.labyrinth import Labyrinth, Task
@@ -167,7 +167,7 @@ def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
     torch.manual_seed(0)
     network = Mapper(MapperSpec(32, 4))
     (labyrinth,) = labyrinths_of(5, 5, 1)
-    masks = masks_of(scene_of(slots_of(render(labyrinth, State(labyrinth.start))), 5, 5)[None])
+    masks = masks_of(Slots.of(render(labyrinth, State(labyrinth.start))).scene(5, 5)[None])
     roles = network.roles(masks)
     assert roles.ends.std() > 1e-4
     for other in (

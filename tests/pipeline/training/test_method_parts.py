@@ -13,10 +13,14 @@ from torch import nn
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Rollout, Steps, draw, roll_out, softmax
 from labyrinth_core.policies.networks.network import Cnn
-from labyrinth_core.policies.networks.symmetry import SYMMETRIES, transform, transformed_actions
+from labyrinth_core.policies.networks.symmetry import (
+    SYMMETRIES,
+    transform,
+    transform_examples,
+    transformed_actions,
+)
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
-from pipeline.training.methods.bc import transform_examples
 from pipeline.training.methods.gail import Discriminator
 
 pytestmark = pytest.mark.slow

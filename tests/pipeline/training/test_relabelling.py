@@ -12,6 +12,7 @@ import pytest
 from learning import settings_of
 from making import Run
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem
@@ -102,7 +103,7 @@ def test_examples_of_routes_that_err_are_learnt_from_as_they_are_where_none_is_r
     run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
     arrays = load_arrays(tmp_path, run.dataset.name, "train")
     sampler = ExampleSampler(arrays)
-    steps = load_steps(tmp_path, run.dataset.name, "train", arrays)
+    steps = load_steps(Dataset.at(run.folder)["train"], arrays)
     assert len(steps.states) == sum(map(len, sampler.episodes))
     lasts = np.cumsum([len(episode) for episode in sampler.episodes]) - 1
     ended = [episode.terminated for episode in sampler.episodes]

@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pipeline.config.composed import KINDS, SHARED
+from pipeline.command.composed import KINDS, SHARED
 from pipeline.config.errors import as_value
 from pipeline.config.stages import STAGES
 

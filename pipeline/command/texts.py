@@ -17,7 +17,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
 from omegaconf import DictConfig, OmegaConf, read_write
 
-from pipeline.config.composed import KINDS
+from pipeline.command.composed import KINDS
 
 _WORD = re.compile(
     # A quoted value is a text already, and range(...) is a function of numbers.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from copy import copy
-from dataclasses import dataclass, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
 from pathlib import Path
 from typing import Any, TypeVar, get_type_hints
 
@@ -18,20 +18,29 @@ from labyrinth_core.data.storage import folder_at
 from pipeline.config.dataset import DatasetOptions, dataset_config
 from pipeline.config.errors import ConfigError, check, literal
 from pipeline.config.method import chosen_method
-from pipeline.config.option import check_options, declared, default_of, frozen, option
+from pipeline.config.option import check_options, declared, frozen, option
 from pipeline.config.options import (
-    DataFolderOption,
     ExecutorOptions,
     OverwriteOption,
     ResultsFolderOption,
     RunFolderOption,
-    as_named,
 )
 from pipeline.config.stage import Job
 from pipeline.config.stages import STAGES
 from pipeline.config.training import TrainingOptions
 
 Options = TypeVar("Options")
+
+
+@dataclass(frozen=True)
+class DataFolderOption:
+    """Where datasets are."""
+
+    data_dir: str = option(
+        "data/labyrinth",
+        "folder of datasets, or a URL such as s3://bucket/name; each size and task has a subfolder",
+        like=(r"(?s).*\S.*", "a folder"),
+    )
 
 
 @dataclass(frozen=True)
@@ -60,6 +69,20 @@ def _headings() -> dict[str, type]:
     for stage in STAGES.values():
         own |= stage.headings
     return own
+
+
+def default_of(each: Field[Any]) -> str:
+    """Return the default of an option as a user would type it; empty if it has none."""
+    default = each.default
+    if each.default_factory is not MISSING:
+        default = each.default_factory()["name"]
+    if isinstance(default, tuple):
+        _, _, one_of, _ = each.metadata["checks"]
+        every = bool(default) and [*default] == one_of
+        return "all" if every else ",".join(default)
+    if default is None:
+        return ""
+    return str(default).lower() if isinstance(default, bool) else str(default)
 
 
 def _merged(classes: Iterable[type]) -> type:
@@ -186,21 +209,22 @@ def resolve(
         f"executor_address={options.executor_address}: executor=local has no address",
     )
     try:
-        data_dir, typed_dir = folder_at(options.data_dir), as_named(options.data_dir)
+        data_dir = folder_at(options.data_dir)
     except ValueError as error:
         raise ConfigError(f"data_dir={error}") from error
     check(
         not isinstance(data_dir, Path) or not (data_dir / MANIFEST).is_file(),
         f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
     )
-    if isinstance(data_dir, Path) and options.executor != "local":
+    typed_dir = Path(options.data_dir) if options.data_dir.startswith("~") else data_dir
+    if options.executor != "local":
         data_dir = data_dir.absolute()  # A cluster's workers may have another working directory.
     dataset = dataset_config(options)
     jobs = {}
     for name in options.stages:
         own: Any = part_of(options, STAGES[name].options)
         check_options(own, STAGES[name].options)
-        jobs[name] = Job(own, dataset, data_dir, typed_dir, names_dataset, composed)
+        jobs[name] = Job(own, dataset, data_dir, str(typed_dir), names_dataset, composed)
         STAGES[name].check(jobs[name], options.stages)
     alone = {name: job for name, job in jobs.items() if STAGES[name].runs_alone(job.options)}
     return alone or jobs

@@ -21,7 +21,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.language.source_text import printable
 from labyrinth_core.version import __version__
-from pipeline.config.command_line import (
+from pipeline.command.command_line import (
     HYDRA,
     Folders,
     arranged,
@@ -31,23 +31,23 @@ from pipeline.config.command_line import (
     shown,
     shows_job,
 )
-from pipeline.config.composed import as_file, names_in, options_of, resolve, unused
-from pipeline.config.errors import ConfigError
-from pipeline.config.method import CONF
-from pipeline.config.stages import STAGES
-from pipeline.config.texts import as_given, overrides_of
-from pipeline.machinery.console import say, say_once
-from pipeline.machinery.ending import (
+from pipeline.command.composed import as_file, names_in, options_of, resolve, unused
+from pipeline.command.ending import (
     FAULTS_OF_DISKS,
-    GOES_ON,
     answer_signals,
     end_interrupted,
     end_without_output,
     interrupt,
     show_start,
 )
+from pipeline.command.hints import next_command
+from pipeline.command.texts import as_given, overrides_of
+from pipeline.config.errors import ConfigError
+from pipeline.config.method import CONF
+from pipeline.config.stages import STAGES
+from pipeline.machinery.console import say, say_once
 from pipeline.machinery.executor import cluster
-from pipeline.machinery.hints import next_command
+from pipeline.machinery.workers import GOES_ON
 
 INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 

@@ -6,9 +6,10 @@ import re
 import shlex
 from argparse import Namespace
 from collections.abc import Sequence
-from functools import cache
+from dataclasses import field, fields, is_dataclass, make_dataclass
+from functools import cache, partial
 from textwrap import TextWrapper
-from typing import Any, ClassVar, get_args, get_origin
+from typing import Any, ClassVar, cast, get_args, get_origin, get_type_hints
 
 import hydra
 from hydra._internal.utils import get_args_parser
@@ -19,10 +20,9 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.config.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
+from pipeline.command.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
 from pipeline.config.method import CONF, METHODS, usual_settings
-from pipeline.config.option import schema
 from pipeline.config.stages import STAGES
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
@@ -67,6 +67,28 @@ def register() -> None:
     help_text = _HELP.format(options="\n".join(lines))
     store.store(group="hydra/help", name="options", node={"template": help_text})
     Plugins.instance().register(Folders)
+
+
+def schema(cls: type) -> type:
+    """Return a mutable class of the same options, for OmegaConf to merge values into.
+
+    `frozen` checks lists and booleans instead, because OmegaConf refuses a single text for a list
+    and reads -1 as true.
+    """
+    made: list[tuple[str, Any, Any]] = []
+    kinds = get_type_hints(cls)
+    for each in fields(cls):
+        name, kind, default = each.name, kinds[each.name], each.default
+        if is_dataclass(kind):
+            group = schema(cast(type, kind))
+            made.append((name, group, field(default_factory=group)))
+        elif get_origin(kind) is tuple:
+            made.append((name, Any, field(default_factory=partial(list, default))))
+        elif get_origin(kind) is dict:
+            made.append((name, kind, field(default_factory=cast(Any, each.default_factory))))
+        else:
+            made.append((name, Any if kind is bool else kind, default))
+    return make_dataclass(cls.__name__, made)
 
 
 class Folders(SearchPathPlugin):

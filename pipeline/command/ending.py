@@ -6,13 +6,11 @@ import errno
 import os
 import signal
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from types import FrameType
 from typing import NoReturn
 
-GOES_ON = "run the same command again to resume"
+from pipeline.machinery.workers import GOES_ON
 
 _FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ENOTCONN", "ETIMEDOUT")
 FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(errno, each))
@@ -20,9 +18,6 @@ FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(
 
 PATIENCE = 10
 """Seconds that stages have to clean up after an interruption."""
-
-LOOKED_AT = 0.5
-"""Seconds between a worker's checks that its parent is alive."""
 
 STARTING = "starting ..."
 """What a terminal shows while libraries are imported, which takes seconds."""
@@ -85,38 +80,3 @@ def answer_signals(answer: Callable[[int, FrameType | None], None]) -> None:
     for number in _WORDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, answer)
-
-
-def end_with_parent(parent: int) -> None:
-    """End this process soon after its parent process, whose id is `parent`, has ended.
-
-    joblib's workers would wait five minutes for more work.
-    """
-    never = threading.Event()
-
-    def watch() -> None:
-        # The system gives an orphan another parent.
-        while os.getppid() == parent:
-            never.wait(LOOKED_AT)
-        os._exit(1)
-
-    threading.Thread(target=watch, name="watch", daemon=True).start()
-
-
-@contextmanager
-def ctrl_c_held_back() -> Iterator[None]:
-    """Block Ctrl-C within the context, and permanently in processes that are started there.
-
-    A terminal sends Ctrl-C to all of them, and each would print an explanation.
-    """
-    if sys.platform == "win32":
-        yield
-        return
-    from multiprocessing.resource_tracker import ensure_running
-
-    ensure_running()  # If it started later, it would unblock the signal.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

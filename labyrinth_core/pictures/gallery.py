@@ -9,11 +9,11 @@ agent, and redraws it when the agent moves.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
-from labyrinth_core.env.labyrinth_source import Shape
-from labyrinth_core.env.stack import LOOKS, Stack
 from labyrinth_core.pictures.backdrops import (
     Backdrops,
     Corners,
@@ -28,7 +28,24 @@ from labyrinth_core.pictures.backdrops import (
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import Style, style_for
 from labyrinth_core.pictures.scenes import draw_states
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.labyrinth import Look, Task
+
+LOOKS = tuple(Look)
+
+
+class Stack(Protocol):
+    """Labyrinths of one size and task, and the state of the agent in each."""
+
+    initial_vectors: NDArray[np.int32]
+    """The `vector.initial_vector` of each labyrinth."""
+    looks: NDArray[np.intp]
+    """The look of each labyrinth, as an index of `LOOKS`."""
+
+    def states(self) -> NDArray[np.int64]:
+        """Return the index of each agent's state within its labyrinth, shape (count,)."""
+
+    def visible(self) -> NDArray[np.bool_]:
+        """Return `dynamics.visible_from` for each agent, shape (count, height, width)."""
 
 
 class Gallery:
@@ -38,13 +55,13 @@ class Gallery:
     """
 
     def __init__(
-        self, count: int, shape: Shape, image_size: int, memory: int, *, copy: bool
+        self, count: int, shape: tuple[int, int, Task], image_size: int, memory: int, *, copy: bool
     ) -> None:
         """Make room for pictures.
 
         Args:
             count: The number of labyrinths.
-            shape: Their size and task.
+            shape: Their height, width and task.
             image_size: Pixels on each side of a picture.
             memory: The most bytes to keep.
             copy: Whether `pictures` returns a new array each time, not always the same one.
@@ -53,9 +70,10 @@ class Gallery:
             ValueError: The labyrinths are too large for every wall to have a pixel.
         """
         self._count, self._size, self._copy, self._shape = count, image_size, copy, shape
-        self._cells = shape.height * shape.width
-        self._hides = shape.task is Task.PARTIAL_OBSERVABILITY
-        self._reach = reach = bands_of(shape.height, shape.width, None, image_size).reach
+        height, width, task = shape
+        self._cells = height * width
+        self._hides = task.rules.hides
+        self._reach = reach = bands_of(height, width, None, image_size).reach
         patches = 0 if self._hides else self._cells
         self._kept = kept = min(count, memory // (3 * (image_size**2 + patches * reach**2)))
         self._shown = np.empty((kept if copy else count, image_size, image_size, 3), np.uint8)
