@@ -97,7 +97,11 @@ class RemotePath:
                 return question(store, place)
             from labyrinth_core.data.hub import repeated
 
-            return repeated(lambda: question(store, place))
+            try:
+                return repeated(lambda: question(store, place))
+            except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
+                store.invalidate_cache()
+                return repeated(lambda: question(store, place))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.
