@@ -115,8 +115,17 @@ class RemotePath:
         return bool(self._ask(lambda store, path: store.exists(path)))
 
     def is_dir(self) -> bool:
-        try:  # Not by the store's `isdir`, which takes any error for no.
-            return bool(self._ask(lambda store, path: store.info(path))["type"] == "directory")
+        """Return whether a folder is there, by a new listing, not one that the client keeps.
+
+        The store's own `isdir` takes any error for no.
+        """
+
+        def asked(store: Any, path: str) -> bool:
+            store.invalidate_cache()
+            return bool(store.info(path)["type"] == "directory")
+
+        try:
+            return bool(self._ask(asked))
         except FileNotFoundError:
             return False
 
