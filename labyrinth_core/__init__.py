@@ -27,6 +27,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.compare import compare as compare
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
+    from labyrinth_core.evaluation.memorised import memorised as memorised
     from labyrinth_core.evaluation.questions import question as question
     from labyrinth_core.evaluation.written_routes import score_answer as score_answer
     from labyrinth_core.language.source_text import LabyrinthSyntaxError as LabyrinthSyntaxError
@@ -64,6 +65,7 @@ _HOMES = {
     "load_episodes": "data.load",
     "load_policy": "policies.load",
     "load_transitions": "data.load",
+    "memorised": "evaluation.memorised",
     "optimal_actions": "world.solver",
     "parse": "language.text",
     "question": "evaluation.questions",

@@ -91,17 +91,8 @@ def sources(*folders: str) -> dict[str, ast.Module]:
 def structure() -> Structure:
     """Measure the source of this checkout."""
     ours = sources(*PACKAGES)
-    crossing: set[tuple[str, str]] = set()
-    from_library: set[tuple[str, str]] = set()
-    imported = []
-    for module, tree in ours.items():
-        names = list(imports(tree, ours))
-        imported.append(len({target for target, _ in names}))
-        if module != "labyrinth_core":  # Its names are the library's door.
-            across = {name for name in names if room_of(name[0]) != room_of(module)}
-            crossing |= across
-            if module.startswith("pipeline"):
-                from_library |= {name for name in across if name[0].startswith("labyrinth_core")}
+    crossing, from_library = names_across(ours)
+    imported = [len({target for target, _ in imports(tree, ours)}) for tree in ours.values()]
     in_tests = {
         name
         for tree in sources("tests").values()
@@ -115,6 +106,22 @@ def structure() -> Structure:
         in_tests=len(in_tests),
         called_once=sum(map(_called_once, ours.values())),
     )
+
+
+def names_across(
+    ours: dict[str, ast.Module],
+) -> tuple[set[tuple[str, str]], set[tuple[str, str]]]:
+    """Return the names that cross doors, and those that the program takes from the library."""
+    crossing: set[tuple[str, str]] = set()
+    from_library: set[tuple[str, str]] = set()
+    for module, tree in ours.items():
+        if module != "labyrinth_core":  # Its names are the library's door.
+            names = imports(tree, ours)
+            across = {name for name in names if room_of(name[0]) != room_of(module)}
+            crossing |= across
+            if module.startswith("pipeline"):
+                from_library |= {name for name in across if name[0].startswith("labyrinth_core")}
+    return crossing, from_library
 
 
 def imports(tree: ast.Module, ours: dict[str, ast.Module]) -> list[tuple[str, str]]:

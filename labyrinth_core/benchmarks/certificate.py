@@ -49,6 +49,7 @@ class Certificate(Figures):
     def to_json(self) -> dict[str, Any]:
         """Return everything but the digests as plain types; the same arguments give it again."""
         levels, memory = self.levels, self.memory and vars(self.memory)
+        estimates = ("coverage", "at_least", "interval")
         return {
             "format": FORMAT,
             "environment": self.environment,
@@ -60,7 +61,7 @@ class Certificate(Figures):
             "measures": {name: _share(share) for name, share in self.measures.items()},
             "reasons": dict(self.reasons),
             "levels": levels
-            and asdict(levels) | {"coverage": levels.coverage, "at_least": levels.at_least},
+            and asdict(levels) | {name: getattr(levels, name) for name in estimates},
             "curves": {name: [[*pair] for pair in pairs] for name, pairs in self.curves.items()},
             "spread": self.spread and asdict(self.spread),
             "memory": memory

@@ -316,20 +316,11 @@ def _left_out(
 
 def _look_at_chunk(protocol: Protocol, compared: frozenset[int], seeds: tuple[int, ...]) -> _Chunk:
     stage, ranges = Stage(protocol), Ranges()
-    seen, again = [], None
+    again = None
     with contextlib.redirect_stdout(io.StringIO()):
-        for seed in seeds:
-            if seed in compared:
-                seen.append(look(protocol, stage, seed, ranges.add))
-                ranges.end()
-            else:
-                seen.append(look(protocol, stage, seed, _nothing))
+        seen = [look(protocol, stage, seed, ranges if seed in compared else None) for seed in seeds]
         fine = next((each for each in seen if not each.error), None)
         if fine is not None and len(seeds) > 1:
-            again = fine, look(protocol, stage, fine.seed, _nothing)
+            again = fine, look(protocol, stage, fine.seed)
     stage.close()
     return _Chunk(seen, again, ranges.first, ranges.low, ranges.high)
-
-
-def _nothing(_: object) -> None:
-    """Look at an observation without keeping anything."""

@@ -51,19 +51,27 @@ def encode(value: Any) -> bytes:
 
 
 def _encode_array(value: NDArray[Any]) -> bytes:
-    head = _head(value.dtype, value.shape)
+    head = head_of(value)
     kind = value.dtype.kind
     if kind in "biuSUmM":
         return head + value.tobytes()
     if kind in "fc":
-        value = value + 0.0  # The sum of -0.0 and 0.0 is 0.0.
-        missing = value != value
-        if missing.any():
-            value = np.where(missing, value.dtype.type("nan"), value)
-        return head + value.tobytes()
+        return head + normalised(value).tobytes()
     if value.dtype.names:
         return head + b"".join(encode(value[name]) for name in value.dtype.names)
     return head + b"".join(map(encode, value.ravel().tolist()))
+
+
+def normalised(value: NDArray[Any]) -> NDArray[Any]:
+    """Return floats with one zero and one NaN."""
+    value = value + 0.0  # The sum of -0.0 and 0.0 is 0.0.
+    missing = value != value
+    return np.where(missing, value.dtype.type("nan"), value) if missing.any() else value
+
+
+def head_of(value: NDArray[Any]) -> bytes:
+    """Return the bytes that come before an array's own: its type and shape."""
+    return _head(value.dtype, value.shape)
 
 
 @lru_cache(maxsize=1_000)

@@ -10,14 +10,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
+from labyrinth_core.benchmarks.errors import (
+    FAILURES,
+    CertifyError,
+    EnvironmentFailure,
+    called,
+    failure,
+)
 from labyrinth_core.benchmarks.making import Maker, StateOf, close, known_state
+from labyrinth_core.benchmarks.spread import Ranges
+from labyrinth_core.benchmarks.tape import Tape
 
 Draw = Callable[[np.random.Generator], Any]
 """Returns a random action of an environment without an action space that can be sampled."""
 
 ACTION_SEED = 0
 """The seed of the action sequences."""
+IMMUTABLE = (int, str, np.generic)
+"""Types of actions that an environment cannot change."""
 
 
 @dataclass(frozen=True)
@@ -52,8 +62,12 @@ class Protocol:
                 )
             yield probe, 0, result[0]
             for step, action in enumerate(actions, 1):
-                action = action if isinstance(action, int | str) else copy.copy(action)
-                seen, ended = called(stepped, env, action)
+                try:  # Not `called`, whose own time is a part of a quick step.
+                    seen, ended = stepped(
+                        env, action if isinstance(action, IMMUTABLE) else copy.copy(action)
+                    )
+                except FAILURES as error:
+                    raise failure(error) from error
                 yield probe, step, seen
                 if ended:
                     break
@@ -99,33 +113,33 @@ class Seen(NamedTuple):
     """What ended the episodes, if the environment failed."""
 
 
-def look(protocol: Protocol, stage: Stage, seed: int, each: Callable[[Any], None]) -> Seen:
+def look(protocol: Protocol, stage: Stage, seed: int, ranges: Ranges | None = None) -> Seen:
     """Return what is seen of a seed.
 
     Args:
         protocol: How to look.
         stage: The environment.
         seed: The seed.
-        each: Called with every observation before the environment goes on.
+        ranges: Receives the observations.
     """
-    first, state, steady, code = b"", b"", True, b""
-    parts: list[bytes] = []
+    tape, state = Tape(), b""
     try:
         for probe, step, seen in protocol.walk(stage, seed):
-            parts.append(code := encode(seen))
-            each(seen if step == 0 else seen[0])
             if step:
+                tape.step(seen)
                 continue
-            if probe:
-                steady &= code == first
-                continue
-            first = code
-            if protocol.state is not None:
+            tape.begin(seen)
+            if not probe and protocol.state is not None:
                 state = encode(called(protocol.state, stage.env))
     except EnvironmentFailure as error:
         stage.close()
         return Seen(seed, error=str(error))
-    return Seen(seed, digest(first), digest(*parts), digest(state), steady)
+    observations = tape.end()
+    if ranges is not None:
+        ranges.add(observations)
+    first, *others = tape.first()
+    steady = all(other == first for other in others)
+    return Seen(seed, digest(first), digest(tape.all()), digest(state), steady)
 
 
 def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> Any:

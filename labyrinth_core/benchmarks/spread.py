@@ -40,21 +40,17 @@ class Ranges:
         self.first: list[Floats] = []
         self.low: Floats | None = None
         self.high: Floats | None = None
-        self._pending: list[Floats] = []
 
-    def add(self, observation: Any) -> None:
-        """Add an observation of the current seed."""
-        numeric = isinstance(observation, np.ndarray) and observation.dtype.kind in "biuf"
-        if numeric and 0 < observation.size <= MOST_VALUES:
-            self._pending.append(observation.ravel().astype(np.float64))
-
-    def end(self) -> None:
-        """End the current seed."""
-        pending, self._pending = self._pending, []
-        if not pending or len({each.size for each in pending}) > 1:
-            return
-        values = np.stack(pending)
-        self.join([pending[0]], values.min(axis=0), values.max(axis=0))
+    def add(self, observations: Iterable[NDArray[Any]]) -> None:
+        """Add the observations of a seed, in order; each array has several that are alike."""
+        tables = [
+            each.reshape(len(each), -1).astype(np.float64)
+            for each in observations
+            if 0 < each[0].size <= MOST_VALUES
+        ]
+        if len({table.shape[1] for table in tables}) == 1:
+            values = np.concatenate(tables)
+            self.join([values[0]], values.min(axis=0), values.max(axis=0))
 
     def join(self, first: Sequence[Floats], low: Floats | None, high: Floats | None) -> None:
         """Add the first observations and the range of other seeds."""

@@ -66,7 +66,7 @@ class ShardFile(NamedTuple):
         return opened_in_place(self.remote / self.shard.path, self.shard)
 
     def rows(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield the rows of some row groups after the other.
+        """Yield the rows, some row groups at a time.
 
         Raises:
             DatasetError: The shard is missing, damaged, or not the one in the manifest.

@@ -5,7 +5,8 @@
     data = Dataset("data/labyrinth", "5x5")
     transitions = data["train"].transitions(image_size=64)
 
-The functions of `load` and `stream` give the same in one call.
+The functions of `load` and `stream` give the same in one call. These modules are imported when
+rows are read, because a build needs only the manifest and the table.
 """
 
 from __future__ import annotations
@@ -19,14 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import Filter, Query, Source
-from labyrinth_core.data.episodes import LoadedEpisode, replayed
-from labyrinth_core.data.load import Transition, Transitions, episodes_in, transitions_in
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
 from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.data.stream import Order, Stream, episode_stream, transition_stream
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.labyrinth import Labyrinth, whole
@@ -35,6 +32,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from gymnasium.spaces import Discrete, Space
 
+    from labyrinth_core.data.episodes import LoadedEpisode
+    from labyrinth_core.data.load import Transition, Transitions
+    from labyrinth_core.data.stream import Stream
     from labyrinth_core.env import LabyrinthEnv
 
 
@@ -208,6 +208,8 @@ class Selection(Query):
     @cached_property
     def labyrinths(self) -> tuple[Labyrinth, ...]:
         """The labyrinths, in the order of the dataset."""
+        from labyrinth_core.data.episodes import replayed
+
         part = self.part()
         held: dict[int, Labyrinth] = {}
         for block in replayed(part.rows(pictures=False), part.config):
@@ -243,6 +245,9 @@ class Selection(Query):
         optimal: bool = False,
     ) -> Transitions:
         """Return all transitions; see `load_transitions`."""
+        from labyrinth_core.data.load import transitions_in
+        from labyrinth_core.data.observations import ObservationSpec
+
         spec = ObservationSpec(observation, image_size, draw, resize)
         return transitions_in(self, spec, cache_dir, optimal=optimal)
 
@@ -255,6 +260,9 @@ class Selection(Query):
         resize: str = "area",
     ) -> Generator[LoadedEpisode]:
         """Yield the episodes in order; see `load_episodes`."""
+        from labyrinth_core.data.load import episodes_in
+        from labyrinth_core.data.observations import ObservationSpec
+
         return episodes_in(self, ObservationSpec(observation, image_size, draw, resize))
 
     def sample_episodes(  # noqa: D417
@@ -279,6 +287,9 @@ class Selection(Query):
             ValueError: An argument has a value that is not allowed.
             DatasetError: As for `load_episodes`.
         """
+        from labyrinth_core.data.load import episodes_in
+        from labyrinth_core.data.observations import ObservationSpec
+
         spec = ObservationSpec(observation, image_size, draw, resize)
         counts = self._episodes
         ends = np.cumsum(counts)
@@ -312,6 +323,9 @@ class Selection(Query):
         world_size: int | None = None,
     ) -> Stream[Transition]:
         """Return a stream of the transitions; see `stream_transitions`."""
+        from labyrinth_core.data.observations import ObservationSpec
+        from labyrinth_core.data.stream import Order, transition_stream
+
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)
         return transition_stream(self, spec, order)
@@ -329,6 +343,9 @@ class Selection(Query):
         world_size: int | None = None,
     ) -> Stream[LoadedEpisode]:
         """Return a stream of the episodes; see `labyrinth_core.stream_episodes`."""
+        from labyrinth_core.data.observations import ObservationSpec
+        from labyrinth_core.data.stream import Order, episode_stream
+
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)
         return episode_stream(self, spec, order)

@@ -45,78 +45,81 @@ PLACING, ACTING, DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
 
 
-def item_rng(
-    config: DatasetConfig, split: str, structure: Structure, purpose: int = PLACING
-) -> np.random.Generator:
-    """Return a generator for one structure in one split, independent of all others.
+class Drawing(NamedTuple):
+    """The random choices of a dataset, which follow from its config."""
 
-    Args:
-        config: The configuration of the dataset.
-        split: A split of the dataset.
-        structure: The structure; its id is part of the key.
-        purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
-    """
-    key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
-    return np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key))
+    config: DatasetConfig
 
+    def rng(self, split: str, structure: Structure, purpose: int = PLACING) -> np.random.Generator:
+        """Return a generator for one structure in one split, independent of all others.
 
-def own_labyrinth(config: DatasetConfig, split: str, structure: Structure) -> Labyrinth:
-    """Return the labyrinth of a structure in a split without a parent.
+        Args:
+            split: A split of the dataset.
+            structure: The structure; its id is part of the key.
+            purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
+        """
+        key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
+        return np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=key))
 
-    Raises:
-        LabyrinthError: The structure cannot hold the task.
-    """
-    if config.goals == "varied":
-        return draw_start_and_goal(structure, config.task, item_rng(config, split, structure))
-    start, goal = default_start_and_goal(config.height, config.width)
-    if not config.task.rules.tiles:  # Nothing is drawn.
-        return Labyrinth(structure, start, goal, config.task)
-    return place(structure, start, goal, config.task, item_rng(config, split, structure))
+    def labyrinth(self, split: str, structure: Structure) -> Labyrinth:
+        """Return the labyrinth of a structure in a split without a parent.
 
+        Raises:
+            LabyrinthError: The structure cannot hold the task.
+        """
+        if self.config.goals == "varied":
+            return draw_start_and_goal(structure, self.config.task, self.rng(split, structure))
+        start, goal = default_start_and_goal(self.config.height, self.config.width)
+        if not self.config.task.rules.tiles:  # Nothing is drawn.
+            return Labyrinth(structure, start, goal, self.config.task)
+        return place(structure, start, goal, self.config.task, self.rng(split, structure))
 
-def holds_task(config: DatasetConfig, split: str, structure: Structure) -> bool:
-    """Return whether a structure can hold the task, also with another start and goal.
+    def holds_task(self, split: str, structure: Structure) -> bool:
+        """Return whether a structure can hold the task, also with another start and goal.
 
-    Train, validation and test have the same requirement, so that they have the same distribution.
-    """
-    if not config.task.rules.tiles:
+        Train, validation and test have the same requirement, so that they have the same
+        distribution.
+        """
+        if not self.config.task.rules.tiles:
+            return True
+        try:
+            labyrinth = self.labyrinth(split, structure)
+            change_start(labyrinth, self.rng("s0", structure))
+            change_start_and_goal(labyrinth, self.rng("s0_and_g", structure))
+        except LabyrinthError:
+            return False
         return True
-    try:
-        labyrinth = own_labyrinth(config, split, structure)
-        change_start(labyrinth, item_rng(config, "s0", structure))
-        change_start_and_goal(labyrinth, item_rng(config, "s0_and_g", structure))
-    except LabyrinthError:
-        return False
-    return True
 
+    def candidates(
+        self, number: int = 0, only: str | None = None
+    ) -> Iterator[tuple[Structure, str | None]]:
+        """Yield the random structures of a chunk of the dataset, then others without end.
 
-def candidates(config: DatasetConfig, number: int = 0) -> Iterator[tuple[Structure, str | None]]:
-    """Yield the random structures of a chunk of the dataset, then others without end.
+        Each comes with its split: train, validation or test; None if no split can use it, or if it
+        repeats one before it.
 
-    Each comes with its split: train, validation or test; None if no split can use it, or if it
-    repeats one before it.
-
-    Args:
-        config: The configuration of the dataset.
-        number: The number of the chunk. The first chunk suffices for most datasets.
-    """
-    key = (number, DRAWING) if number else ()
-    structures = sample_structures(
-        config.height,
-        config.width,
-        np.random.default_rng(np.random.SeedSequence(config.seed, spawn_key=key)),
-        algorithm=config.sampler,
-        open_walls=config.open_walls,
-    )
-    seen: set[str] = set()
-    for structure in structures:
-        split = None
-        if structure.structure_id not in seen:
-            seen.add(structure.structure_id)
-            split = bucket_of(config, structure)
-            if split is not None and not holds_task(config, split, structure):
-                split = None
-        yield structure, split
+        Args:
+            number: The number of the chunk. The first chunk suffices for most datasets.
+            only: The only split for which it matters whether a structure can hold the task, which
+                takes time for tasks with tiles; None for all.
+        """
+        key = (number, DRAWING) if number else ()
+        structures = sample_structures(
+            self.config.height,
+            self.config.width,
+            np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=key)),
+            algorithm=self.config.sampler,
+            open_walls=self.config.open_walls,
+        )
+        seen: set[str] = set()
+        for structure in structures:
+            split = None
+            if structure.structure_id not in seen:
+                seen.add(structure.structure_id)
+                split = bucket_of(self.config, structure)
+                if split is not None and only in (None, split):
+                    split = split if self.holds_task(split, structure) else None
+            yield structure, split
 
 
 def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
@@ -129,18 +132,19 @@ def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
         config: The configuration of the dataset; another seed gives other labyrinths.
         split: train, validation or test.
     """
+    drawing = Drawing(config)
     sizes = [max(1, each // (config.height * config.width)) for each in CELLS_PER_CHUNK]
     seen: set[str] = set()
     failed = 0
     for number in count():
-        for structure, found in islice(candidates(config, number), sizes[number > 0]):
+        for structure, found in islice(drawing.candidates(number, split), sizes[number > 0]):
             failed += 1
             if failed > PATIENCE:
                 return
             if found == split and structure.structure_id not in seen:
                 seen.add(structure.structure_id)
                 failed = 0
-                yield own_labyrinth(config, split, structure)
+                yield drawing.labyrinth(split, structure)
 
 
 class Solution(NamedTuple):
@@ -167,7 +171,7 @@ def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
     kind = SPLITS[split]
     # A shift that changes only pictures uses the randomness of its parent.
     drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
-    make_rng = partial(item_rng, config, drawn_for, labyrinth.structure, ACTING)
+    make_rng = partial(Drawing(config).rng, drawn_for, labyrinth.structure, ACTING)
     if split == "random":
         episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
     elif config.noise:

@@ -98,9 +98,6 @@ COLUMNS = (
 NUMBERS = tuple(column for column in COLUMNS if column.values)
 """The columns of numbers and booleans. Writing, fingerprints, checks and loading read this."""
 
-VALUES = tuple(column.values for column in NUMBERS if column.values)
-"""The functions that make them."""
-
 _NAMED = ("actions", "rewards", "episode_starts")
 OTHERS = tuple(column for column in NUMBERS if column.name not in _NAMED)
 """Those without a field of their own in `LoadedEpisode` and `Transitions`."""

@@ -138,6 +138,20 @@ class Manifest:
     of their own, by the suffix of their names, such as `questions`. Their shards have the names and
     fingerprints of the shards they were made from."""
 
+    @classmethod
+    def of_build(
+        cls,
+        config: DatasetConfig,
+        versions: Mapping[str, str],
+        shards: tuple[Shard, ...],
+        table: TableFile,
+        *,
+        in_one_chunk: bool,
+    ) -> Manifest:
+        """Return the manifest of a new dataset; its format tells whether there was one chunk."""
+        form = FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
+        return cls(config, versions, shards, table, form)
+
     @property
     def table(self) -> TableFile:
         """The table of labyrinths, which the manifest of a companion lacks."""

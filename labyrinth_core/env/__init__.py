@@ -1,4 +1,7 @@
-"""The Gymnasium environments: `gymnasium.make("labyrinth_core.env:Labyrinth-v0")`."""
+"""The Gymnasium environments: `gymnasium.make("labyrinth_core.env:Labyrinth-v0")`.
+
+A single environment, and one of many labyrinths whose steps are look-ups in stacked tables.
+"""
 
 import gymnasium
 

@@ -19,8 +19,14 @@ LONGEST = 300
 MOST_EPISODES = 1_000
 """The largest number of episodes in each labyrinth."""
 
+CONTROLS = 10, 10_000
+"""The smallest and the largest number of control training sets of a receipt."""
+
 MOST_SEED = 2**64 - 1
 """The largest seed, of a dataset and of a policy."""
+
+FRESH = "fresh"
+"""In place of the number of labyrinths learnt from, if each epoch had new ones."""
 
 DETAILS = {
     "labyrinths": "number of labyrinths that the policy learnt from",
@@ -109,15 +115,22 @@ class RunName:
     encoder: str
     """The network that encodes observations; the method's name if it has its own network."""
     protocol: str
-    train_labyrinths: int | None = None
-    """The number of labyrinths learnt from; None for all."""
+    train_labyrinths: int | str | None = None
+    """The number of labyrinths learnt from; None for all, `FRESH` for new ones in each epoch."""
     seed: int
+
+    @property
+    def first_labyrinths(self) -> int | None:
+        """The number of the first labyrinths of train, if the run learnt from these alone."""
+        return self.train_labyrinths if isinstance(self.train_labyrinths, int) else None
 
     @property
     def _others(self) -> list[str]:
         """The choices besides method, encoder and seed that are not the defaults."""
         parts = [self.protocol] * (self.protocol != "default")
-        if self.train_labyrinths is not None:
+        if self.train_labyrinths == FRESH:
+            parts.append(FRESH)
+        elif self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")
         return parts
 

@@ -200,13 +200,27 @@ def arrays_in(selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
         ) from error
 
 
-def as_arrays(labyrinths: Sequence[Labyrinth], spec: ObservationSpec) -> LabyrinthArrays:
-    """Return labyrinths of one size and task as arrays, without demonstrations.
+def as_arrays(
+    labyrinths: Sequence[Labyrinth],
+    spec: ObservationSpec,
+    routes: Iterable[Iterable[NDArray[np.int64]]] = (),
+) -> LabyrinthArrays:
+    """Return labyrinths of one size and task as arrays.
 
     States are observed when they are indexed, since a policy sees few of those of large labyrinths.
+
+    Args:
+        labyrinths: The labyrinths.
+        spec: How the states are observed.
+        routes: The actions of the episodes of each labyrinth, which begin at its start.
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    return _stack(labyrinths, ids, [], spec, hold=False)
+    episodes = [
+        ((number, state_index(labyrinth, initial(labyrinth))), actions)
+        for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
+        for actions in of_one
+    ]
+    return _stack(labyrinths, ids, episodes, spec, hold=False)
 
 
 def _stack(

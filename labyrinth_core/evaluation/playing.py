@@ -328,6 +328,37 @@ def attempts(player: Player, arrays: LabyrinthArrays, which: Sequence[int]) -> l
     ]
 
 
+def counted_actions(
+    player: Player, arrays: LabyrinthArrays, episodes: int | None
+) -> NDArray[np.int64]:
+    """Return how often a policy takes each action in each state of its episodes, shape (S, 4).
+
+    Args:
+        player: The policy.
+        arrays: The labyrinths.
+        episodes: The number of episodes in each labyrinth. None for one, which ends when a policy
+            without memory returns to a state.
+
+    Raises:
+        PolicyError: The policy raises an error, or answers with anything but actions.
+    """
+    counts = np.zeros((len(arrays.terminal), 4), np.int64)
+    visits = 1 if player.forgets and episodes is None else None
+    for begin in [*range(0, len(arrays.initial), TOGETHER)] * (episodes or 1):
+        start = arrays.initial[begin:][:TOGETHER]
+        choose = _begun(player, arrays, len(start))
+
+        def noted(
+            state: NDArray[np.int64], running: NDArray[np.int64], choose: Choose = choose
+        ) -> NDArray[np.int64]:
+            actions = choose(state, running)
+            counts[state[running], actions] += 1  # No two agents are in the same labyrinth.
+            return actions
+
+        play(arrays, noted, start=start, visits=visits, remembered=player.remembered)
+    return counts
+
+
 def _begun(player: Player, arrays: LabyrinthArrays, count: int) -> Choose:
     """Begin `count` episodes, and return the function with which the policy acts in them."""
     if player.reset is None:

@@ -15,6 +15,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import named_file, read_json, write_text
 from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
@@ -25,6 +26,7 @@ from labyrinth_core.evaluation.results_form import (
     KIND,
     METHOD,
     RUN,
+    receipt_in,
     refuse,
     rules_of,
     scores_of,
@@ -92,6 +94,8 @@ class Results:
     """The description of the policy in the file that was read; None for new results."""
     judged: Judgement | None = None
     """What the judge of a season signs; None for other results."""
+    memorised: Receipt | None = None
+    """Whether the policy follows its own train; None if that was not asked."""
 
     def __repr__(self) -> str:
         """Return the figures as tables with a line for each split, and the legend."""
@@ -214,7 +218,7 @@ class Results:
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        judged = content.get("judged")
+        judged, asked = content.get("judged"), content.get("memorised")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -229,6 +233,7 @@ class Results:
             run=run,
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
+            memorised=None if asked is None else receipt_in(asked, splits, rules.cells),
         )
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
@@ -250,7 +255,7 @@ class Results:
                 f"its policy learnt from another dataset than {known.place}, on which it is judged"
             )
         for split, scores in self.splits.items():
-            right = known.split(split, None if run is None else run.train_labyrinths)
+            right = known.split(split, None if run is None else run.first_labyrinths)
             refuse(split, right.differences(scores, looks_up=self.way == "look-ups"))
             baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
             refuse(split, right.other_baselines(baselines, blind=run is not None))
@@ -259,6 +264,7 @@ class Results:
         """Return what `save` writes, in plain types."""
         run = {} if self.run is None else {"run": asdict(self.run)}
         judged = {} if self.judged is None else {"judged": asdict(self.judged)}
+        memorised = {} if self.memorised is None else {"memorised": asdict(self.memorised)}
         return {
             "kind": KIND,
             "format": FORMAT,
@@ -272,6 +278,7 @@ class Results:
             "evaluated": {name: getattr(self, name) for name in EVALUATED},
             **run,
             **judged,
+            **memorised,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }

@@ -7,8 +7,9 @@ their values, then that the outcomes are possible, and that all figures follow f
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, fields
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -17,10 +18,19 @@ from numpy.typing import NDArray
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
+    CONTROLS,
+    FRESH,
     MOST_EPISODES,
     MOST_SEED,
     Description,
     TrainedRun,
+)
+from labyrinth_core.evaluation.memorised import (
+    COPIES,
+    SPLITS_WITHOUT_TRAIN,
+    Copy,
+    Excess,
+    Receipt,
 )
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import REPLANNERS
@@ -31,6 +41,7 @@ from labyrinth_core.evaluation.schema import (
     Maybe,
     Named,
     Number,
+    OneOf,
     Text,
     check_shape,
 )
@@ -50,6 +61,7 @@ _WORD = Text(r"\w[\w.-]{0,99}")
 _TEXT = Text(r"(?s).*")
 _CONFIG = Text(r"\d{1,4}x\d{1,4}(-\w{1,99})?")
 _HASH = Text(r"[0-9a-f]{64}")
+_LABYRINTH = Text(r"[0-7][0-9a-f]{15}")
 _COUNTED = Number(1, whole=True)
 _SEED = Number(0, MOST_SEED, whole=True)
 _SPLIT_NAME = Text("|".join(SPLITS))
@@ -106,7 +118,7 @@ _SHAPE = {
             "known_route": Text("[01]*"),
             "accuracy_on_demonstrations": Maybe(SHARE),
             "accuracy_elsewhere": Maybe(SHARE),
-            "labyrinth_ids": Each(Text(r"[0-7][0-9a-f]{15}")),
+            "labyrinth_ids": Each(_LABYRINTH),
             "distance": Each(_COUNTED),
             "step_limit": _COUNTED,
             "outcomes": Each(Text("[slwi]*"), MOST_EPISODES),
@@ -128,7 +140,7 @@ RUN = {
     "method": _WORD,
     "encoder": _WORD,
     "protocol": _WORD,
-    "train_labyrinths": Maybe(_COUNTED),
+    "train_labyrinths": Maybe(Number(1, whole=True, or_text=FRESH)),
     "seed": _SEED,
     "settings": Named(_WORD, None),
     "config": _CONFIG,
@@ -153,9 +165,81 @@ JUDGEMENT = {
 """The shape of a `Judgement`."""
 
 
+_EXCESS = {
+    "excess": Number(),
+    "interval": (Number(), Number()),
+    "controls": (Number(), Number(0)),
+    "p": SHARE,
+    "most": Number(),
+    "states": COUNT,
+    "without_twin": COUNT,
+}
+
+_COPY = {
+    "labyrinth": _LABYRINTH,
+    "agent": COUNT,
+    "has_key": OneOf((True, False)),
+    "door_open": OneOf((True, False)),
+    "train_labyrinth": _LABYRINTH,
+    "twins": _COUNTED,
+    "differences": COUNT,
+    "passages": Each((COUNT, COUNT)),
+    **dict.fromkeys(("did", "shown", "consensus"), (SHARE,) * 4),
+    "optimal": (OneOf((True, False)),) * 4,
+}
+
+MEMORISED = _EXCESS | {
+    "split": Text("|".join(SPLITS_WITHOUT_TRAIN)),
+    "drawn": Number(*CONTROLS, whole=True),
+    "shared": SHARE,
+    "own_way": _EXCESS,
+    "everywhere": OneOf((True, False)),
+    "copies": Each(_COPY, COPIES),
+}
+"""The shape of a `Receipt`."""
+
+
 def taken(content: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
     """Return the entries of `content` with these names; all others are left out."""
     return {name: content[name] for name in names}
+
+
+def receipt_in(content: Any, splits: Container[str], cells: int) -> Receipt:
+    """Return the receipt in a file, which has results on some splits of labyrinths of `cells`.
+
+    Its figures cannot be recomputed without the policy; they are checked against one another.
+
+    Raises:
+        ValueError: Something is missing or has a value that is not allowed.
+    """
+    check_shape(content, MEMORISED, "it.memorised")
+    parts = []
+    for place in (content, content["own_way"]):
+        given = taken(place, _EXCESS)
+        found = Excess(**given | {name: tuple(given[name]) for name in ("interval", "controls")})
+        rank = found.p * (1 + content["drawn"])
+        low, high = found.interval
+        if abs(rank - round(rank)) > 1e-6 or rank < 0.5:
+            raise ValueError(f"it.memorised: p={found.p} is no rank among {content['drawn']}")
+        if not low - 1e-3 <= found.excess <= high + 1e-3 or found.without_twin > found.states:
+            raise ValueError("it.memorised: its figures contradict one another")
+        parts.append(found)
+    if content["split"] not in splits:
+        raise ValueError(f"it.memorised.split is {content['split']}, which has no results")
+    for each in content["copies"]:
+        for cell in (each["agent"], *chain.from_iterable(each["passages"])):
+            if cell >= cells:
+                raise ValueError(f"it.memorised: a copy is in cell {cell} of {cells}")
+    copies = tuple(
+        Copy(
+            **taken(each, _COPY)
+            | {"passages": tuple(map(tuple, each["passages"]))}
+            | {name: tuple(each[name]) for name in ("did", "shown", "consensus", "optimal")}
+        )
+        for each in content["copies"]
+    )
+    rest = taken(content, ("split", "drawn", "shared", "everywhere"))
+    return Receipt(**vars(parts[0]), **rest, own_way=parts[1], copies=copies)
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,8 @@ class Number:
     low: float = -_MOST
     high: float = _MOST
     whole: bool = False
+    or_text: str | None = None
+    """A text that is allowed in place of the number."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +120,8 @@ def _unmet(value: Any, shape: Any) -> str | None:
         number = type(value) is int or (type(value) is float and not shape.whole)
         kind = "a whole number" if shape.whole else "a number"
         limits = f" from {shape.low:g} to {shape.high:g}"
+        if shape.or_text is not None and value == shape.or_text:
+            return None
         return None if number and shape.low <= value <= shape.high else kind + limits
     if isinstance(shape, Text):
         matches = isinstance(value, str) and re.fullmatch(shape.like, value, re.ASCII)

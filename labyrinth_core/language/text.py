@@ -386,8 +386,9 @@ def dump(labyrinth: Labyrinth) -> str:
     beside = digits(structure.right, cells).encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
-    for name, cell in labyrinth.tiles():
-        tiles[cell] = ord(_LETTERS[name])
+    if labyrinth.task.rules.tiles:
+        for name, cell in labyrinth.tiles():
+            tiles[cell] = ord(_LETTERS[name])
     outer_wall = b"-" * (4 * width + 1) + b"\n"
     wall_line = b"|" + b"   +" * (width - 1) + b"   |\n"
     cell_line = b"|" + b"    " * (width - 1) + b"   |\n"

@@ -11,15 +11,17 @@ which adds nothing to what the demonstration's own pictures show.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
-from itertools import pairwise, permutations
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, State, replay
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth
 
 NO_LABEL = -1
 
@@ -34,8 +36,11 @@ class ExampleSampler:
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
             labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
             self.episodes.append(replay(labyrinth, route.tolist()))
-        self.parts = [_parts(episode) for episode in self.episodes]
-        """For each episode, the index pairs of the states that can be start and goal."""
+
+    @cached_property
+    def parts(self) -> list[Parts]:
+        """The parts of each episode."""
+        return [Parts(episode) for episode in self.episodes]
 
     def draw(
         self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
@@ -64,10 +69,10 @@ class ExampleSampler:
     ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
         """Return a random example: a labyrinth with a state, and the label."""
         number = rng.integers(len(self.episodes))
-        episode, parts = self.episodes[number], self.parts[number]
+        episode = self.episodes[number]
         first, last, labyrinth = 0, len(episode), episode.labyrinth
-        if relabel and parts:
-            first, last = parts[rng.integers(len(parts))]
+        if relabel and (parts := self.parts[number]):
+            first, last = parts[int(rng.integers(len(parts)))]
             labyrinth = _with_ends(episode, first, last)
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
@@ -95,26 +100,43 @@ def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
     return replace(episode.labyrinth, start=start, goal=goal)
 
 
-def _parts(episode: Episode) -> list[tuple[int, int]]:
-    """Return the index pairs of the states that can be start and goal of an example."""
-    pairs = permutations(range(len(episode) + 1), 2)
-    if episode.labyrinth.task.rules.is_reversible:
-        cells = [state.agent for state in episode.states]
-        bumps = any(cell == after for cell, after in pairwise(cells))  # They cannot be undone.
-        return [
-            (first, last)
-            for first, last in pairs
-            if cells[first] != cells[last]
-            and episode.labyrinth.ice.isdisjoint((cells[first], cells[last]))
-            and not (bumps and first > last)
-        ]
-    return [pair for pair in pairs if pair[0] < pair[1] and _is_episode(episode, *pair)]
+class Parts(Sequence[tuple[int, int]]):
+    """The index pairs of the states of an episode that can be start and goal, in ascending order.
 
+    An episode of T actions has up to T (T + 1) pairs, so only their number per start is stored.
+    """
 
-def _is_episode(episode: Episode, first: int, last: int) -> bool:
-    """Return whether a part is a complete episode of the labyrinth with the part's ends."""
-    try:
-        part = replay(_with_ends(episode, first, last), episode.actions[first:last].tolist())
-    except ValueError:
-        return False
-    return part.states == episode.states[first : last + 1]
+    def __init__(self, episode: Episode) -> None:
+        labyrinth, door = episode.labyrinth, episode.labyrinth.door
+        self._cells = np.array([state.agent for state in episode.states])
+        self._forward = True
+        """Whether the goal has to come after the start."""
+        if labyrinth.task.rules.is_reversible or door is None:
+            self._goals = ~np.isin(self._cells, [*labyrinth.ice])
+            starts = self._goals
+            self._forward = bool((np.diff(self._cells) == 0).any())  # A bump cannot be undone.
+        else:
+            starts = np.array([not state.has_key for state in episode.states])
+            before_door = np.array(labyrinth.structure.distances(labyrinth.start, [door]))
+            behind = (before_door[self._cells] == UNREACHABLE) & (self._cells != door)
+            first_visits = np.zeros(len(self._cells), np.bool_)
+            first_visits[np.unique(self._cells, return_index=True)[1]] = True
+            self._goals = behind & first_visits
+        counts = [len(self._goals_of(first)) if start else 0 for first, start in enumerate(starts)]
+        self._bounds = np.cumsum([0, *counts])
+
+    def __len__(self) -> int:
+        return int(self._bounds[-1])
+
+    def __getitem__(self, number: Any) -> Any:
+        if not 0 <= number < len(self):
+            raise IndexError(number)
+        first = int(self._bounds.searchsorted(number, "right")) - 1
+        return first, int(self._goals_of(first)[number - self._bounds[first]])
+
+    def _goals_of(self, first: int) -> NDArray[np.int64]:
+        """Return the indices of the states that can be the goal of a start."""
+        goals = self._goals & (self._cells != self._cells[first])
+        if self._forward:
+            goals[: first + 1] = False
+        return np.flatnonzero(goals)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from functools import cached_property
 from math import inf
@@ -80,6 +80,9 @@ class Problem:
     spec: NetworkSpec
     rng: np.random.Generator
     """The source of all randomness except weights and dropout, which use torch's generator."""
+    renewed: Callable[[Problem, int], Problem] | None = None
+    """Returns this problem with new labyrinths, given the number of an epoch from 0 on; None if
+    each epoch has the same labyrinths."""
 
     @property
     def device(self) -> torch.device:
@@ -101,10 +104,10 @@ class Learner(ABC):
 
     policy: nn.Module
     """The network that is evaluated and kept; the action is its highest output."""
-    selected_by: ClassVar[str] = "validation_sr"
-    """The metric by which the best policy is selected; higher is better."""
     max_gradient: ClassVar[float] = inf
     """The norm to which the gradients of a step are clipped."""
+    renews: ClassVar[bool] = False
+    """Whether the method can learn from new labyrinths in each epoch (`train_labyrinths=fresh`)."""
     own_network: ClassVar[bool] = False
     """Whether a user's method has its own network for pictures, in place of `encoder`."""
     protocol: ClassVar[str | None] = None
@@ -147,6 +150,15 @@ class Learner(ABC):
         return {}
 
     @classmethod
+    def is_better(cls, figures: Mapping[str, float], best: Mapping[str, float]) -> bool:
+        """Return whether the policy with these metrics replaces the best so far.
+
+        By default its SR on validation has to be as high: of equally good policies the latest is
+        kept, which has learnt for longer.
+        """
+        return figures["validation_sr"] >= best["validation_sr"]
+
+    @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
         """Return the figures of a policy under the protocol's own rules, if it has any."""
         return {}
@@ -165,6 +177,13 @@ class Learner(ABC):
             settings: The settings of the method.
         """
         return policy
+
+    def renew(self, problem: Problem) -> None:
+        """Take the labyrinths of the next epoch, if each epoch has new ones.
+
+        A method that keeps numbers of states overrides this: they belong to the old labyrinths.
+        """
+        self.problem = problem
 
     @abstractmethod
     def epoch(self) -> dict[str, float]:

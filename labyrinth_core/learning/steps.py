@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,14 @@ def load_steps(selection: Selection, arrays: LabyrinthArrays) -> Steps:
             )
         places.append(first_place(episode))
         routes.append(episode.actions)
-    walked = list(walk(arrays.next_state, arrays.numbers_of(places), routes))
+    return steps_along(arrays, arrays.numbers_of(places), routes)
+
+
+def steps_along(
+    arrays: LabyrinthArrays, starts: NDArray[np.int64], routes: Sequence[NDArray[np.int64]]
+) -> Steps:
+    """Return the transitions of routes, each a start, shape (routes,), and its actions."""
+    walked = list(walk(arrays.next_state, starts, routes))
     return Steps(
         np.concatenate([states[:-1] for states in walked]),
         np.concatenate(routes),

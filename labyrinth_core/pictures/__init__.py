@@ -1,1 +1,4 @@
-"""Draw states as images, and encode them as vectors; both are exact to the last bit."""
+"""Draw states as images, and encode them as vectors; both are exact to the last bit.
+
+Many states are drawn together, from the parts of a picture that they share.
+"""

@@ -55,6 +55,9 @@ Another level would change the bytes of every picture, though not its pixels.
 REPEAT_LEVEL = 9
 """The zlib level for repeated rows, which are most of a picture and the same in all pictures."""
 
+ENCODER = f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}"
+"""What determines the bytes of a picture besides zlib, as manifests name it."""
+
 _WINDOW_BITS, _MEMORY_LEVEL = -12, 5
 _ADLER_MODULUS = 65_521
 _FILTER_NONE = b"\x00"

@@ -1,1 +1,4 @@
-"""Grid labyrinths: their structure, tasks and dynamics; sampling and solving them."""
+"""Grid labyrinths: their structure, tasks and dynamics; sampling and solving them.
+
+It imports nothing of the project, and all other rooms build on it.
+"""

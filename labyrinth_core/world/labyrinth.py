@@ -135,12 +135,12 @@ class TaskRules:
     needs_walls: str = ""
     """Why no grid without walls can hold the task; empty if some can."""
 
-    @property
+    @cached_property
     def singles(self) -> tuple[str, ...]:
         """The names of the tiles of which a labyrinth has exactly one."""
         return tuple(tile.name for tile in self.tiles if not tile.many)
 
-    @property
+    @cached_property
     def grounds(self) -> tuple[str, ...]:
         """The names of the tiles that any number of cells show."""
         return tuple(tile.name for tile in self.tiles if tile.many)
@@ -420,14 +420,20 @@ class Labyrinth:
 
     def __post_init__(self) -> None:
         self._make_whole()
+        own = vars(self)
         for task, singles, grounds in _WITH_TILES:
-            own = task is self.task
-            wrong = [name for name in singles if (getattr(self, name) is not None) != own]
-            if wrong or (grounds and any(getattr(self, name) for name in grounds) != own):
+            needed = task is self.task
+            wrong = bool(grounds) and any(map(own.__getitem__, grounds)) is not needed
+            for name in singles:
+                wrong = wrong or (own[name] is not None) is not needed
+            if wrong:
                 raise LabyrinthError(f"only {task} has {task.rules.owned}")
         cells = self.structure.cells
         taken: dict[int, str] = {}
-        for name, cell in (("start", self.start), ("goal", self.goal), *self.tiles()):
+        tiles = [("start", self.start), ("goal", self.goal)]
+        if self.task.rules.tiles:
+            tiles += self.tiles()
+        for name, cell in tiles:
             if not 0 <= cell < cells:
                 raise LabyrinthError(f"the {name} is outside the grid: cell {cell}")
             if cell in taken:

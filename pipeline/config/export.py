@@ -42,6 +42,11 @@ class ExportOptions:
         DEFAULT_IMAGE_SIZE, "pixels on each side of the pictures", at_least=1, at_most=PICTURE_SIZE
     )
 
+    @property
+    def module(self) -> str:
+        """The module whose `write` exports a split in the format."""
+        return EXPORTS[self.format]
+
     def path(self, config: str) -> Path:
         """Return the folder of the exports of a dataset's config, with a subfolder a split."""
         return Path(self.folder).expanduser() / self.format / NAMESPACE / config

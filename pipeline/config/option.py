@@ -36,8 +36,8 @@ def option(
         meaning: A phrase for `--help`, in which a noun says what the value is.
         at_least: The minimum of a number; None leaves the number unchecked.
         at_most: The maximum of a number.
-        one_of: The allowed values. A tuple option takes several of them; it may be empty only if
-            its default is.
+        one_of: The allowed values; of a number, those besides numbers. A tuple option takes several
+            of them; it may be empty only if its default is.
         like: A regular expression for the whole text, and a phrase that says what to give.
     """
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
@@ -128,7 +128,7 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
         elif isinstance(value, list | tuple):
             fits = set(value) <= set(one_of) and (len(value) > 0 or each.default == ())
             check(not one_of or fits, f"{name}={listed(value)}: choose from {listed(one_of)}")
-        elif one_of:
+        elif one_of and low is None:
             check(value in one_of, f"{name}={value}: choose one of {listed(one_of)}")
         elif like is not None:
             matches = re.fullmatch(like[0], value, re.ASCII) is not None
@@ -137,7 +137,8 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             number = type(value) is int or (kind is float and isinstance(value, float))
             what = "a number" if kind is float else "a whole number"
             limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
+            others = f", or {', '.join(one_of)}" if one_of else ""
             check(
-                number and low <= value <= high and value != inf,
-                f"{name}={value}: give {what}{limits}",
+                value in one_of or (number and low <= value <= high and value != inf),
+                f"{name}={value}: give {what}{limits}{others}",
             )

@@ -15,7 +15,7 @@ from math import inf
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.description import RunName
+from labyrinth_core.evaluation.description import FRESH, RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.method import METHODS, target_of
@@ -37,14 +37,12 @@ class Protocol:
     """The number of epochs between evaluations; None for the method's own."""
     patience: float = inf
     """The number of evaluations without a better validation success rate that end training."""
-    first_of_equals: bool = False
-    """Whether to keep the first of several equally good policies instead of the latest."""
 
 
 PROTOCOLS = {
     "default": Protocol(resize=RESIZE_OF_PROTOCOL["default"]),
     "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
-    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"], first_of_equals=True),
+    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"]),
 }
 """`default` and `paper` keep the policy with the best success rate on validation.
 
@@ -83,8 +81,12 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "authors' code)",
         one_of=PROTOCOLS,
     )
-    train_labyrinths: int | None = option(
-        None, "number of labyrinths to learn from, the first ones of train (all)", at_least=1
+    train_labyrinths: int | str | None = option(
+        None,
+        "number of labyrinths to learn from, the first ones of train (all), or fresh for new ones "
+        "in each epoch",
+        at_least=1,
+        one_of=(FRESH,),
     )
     device: str = option(
         "auto",
@@ -106,6 +108,11 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         module, _, name = self.method_name.partition(":")
         found = name.rpartition(".")[2]
         return module.rpartition(".")[2] if found in ("", "Method") else found
+
+    @property
+    def first_labyrinths(self) -> int | None:
+        """The number of the first labyrinths of train, if the run learns from these alone."""
+        return self.train_labyrinths if isinstance(self.train_labyrinths, int) else None
 
     @property
     def network(self) -> str:

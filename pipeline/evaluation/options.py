@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import DETAILS, MOST_EPISODES
+from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
 from pipeline.config.option import check_options, option
@@ -43,6 +43,13 @@ class EvaluationOptions:
         "first",
         at_least=0,
         at_most=1_000,
+    )
+    memorised: int | None = option(
+        None,
+        "number of control training sets, such as 200, with which to ask whether the policy "
+        "follows its own (not asked)",
+        at_least=CONTROLS[0],
+        at_most=CONTROLS[1],
     )
     name: str = option(
         "", "name of the policy in tables (module:name as given, else the last part of policy)"
@@ -87,6 +94,22 @@ class EvaluateOptions(TrainingOptions, OverwriteOption):
 
 def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
     options = job.options
+    check(
+        not (options.evaluate_on and options.evaluation.memorised),
+        f"evaluation.memorised={options.evaluation.memorised}: a policy has not learnt from train "
+        f"of evaluate_on={options.evaluate_on}, so leave one of them out",
+    )
+    check(
+        not (options.train_labyrinths == FRESH and options.evaluation.memorised),
+        f"evaluation.memorised={options.evaluation.memorised}: train_labyrinths={FRESH} has no "
+        "training set that a policy could remember, so leave one of them out",
+    )
+    splits = options.evaluation.splits
+    check(
+        not options.evaluation.memorised or not splits or bool({"test", "validation"} & {*splits}),
+        f"evaluation.memorised={options.evaluation.memorised}: give test or validation in "
+        "evaluation.splits, since other splits depend on train",
+    )
     if not options.policy:
         check_training(options)
         check_unnamed(options.evaluation)
@@ -106,7 +129,7 @@ def check_unnamed(evaluation: EvaluationOptions) -> None:
     for each in fields(evaluation):
         value = getattr(evaluation, each.name)
         check(
-            value == each.default or each.name == "gifs",
+            value == each.default or each.name in ("gifs", "memorised"),
             f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
             "name, on all splits",
         )

@@ -58,7 +58,7 @@ def judge_trained(job: Job[EvaluateOptions]) -> Judged:
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / POLICY, spec, device, make)
     judged_on = elsewhere(job) if options.evaluate_on else job
-    data = dataset_of(judged_on, judged_on.options.train_labyrinths)
+    data = dataset_of(judged_on, judged_on.options.first_labyrinths)
     config, fingerprint = data.manifest.config, data.fingerprint
     if judged_on is job and fingerprint != about["fingerprint"]:
         raise DatasetError(

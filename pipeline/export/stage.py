@@ -12,12 +12,12 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import write_text
 from pipeline.config.errors import check, listed
-from pipeline.config.export import EXPORTS, RECORD
+from pipeline.config.export import RECORD, ExportOptions
 from pipeline.config.stage import CONFIG, Job
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums, is_whole, produced
+from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import say
 from pipeline.machinery.dataset import dataset_of
 
@@ -35,13 +35,13 @@ def run(job: Job[ExportStageOptions]) -> None:
             folder holds something else.
     """
     asked, overwrite = job.options.export, job.options.overwrite
-    write = _writer(asked.format)
+    write = _writer(asked)
     root = Path(asked.folder).expanduser() / asked.format
     splits = splits_of(job)
     whole = []
     for split in splits:  # Check all of them before writing the first.
         there = Sums.read(root / split.id, overwrite=overwrite)
-        whole.append(is_whole(there, split.key, ("*",), overwrite, INSTEAD))
+        whole.append(there.is_whole(split.key, ("*",), overwrite, INSTEAD))
     for split, is_there in zip(splits, whole, strict=True):
         state = "is there already" if is_there else _export(split, root / split.id, write, job)
         say(f"{root / split.id} {state}")
@@ -69,14 +69,14 @@ def _export(
     return "is there already" if made is None else f"has {split.count:,} episodes"
 
 
-def _writer(format_: str) -> Callable[[Split, Path], None]:
+def _writer(asked: ExportOptions) -> Callable[[Split, Path], None]:
     """Return the function that writes a split into an empty folder, in a format."""
-    module = import_module(EXPORTS[format_])
+    module = import_module(asked.module)
     missing = [name for name in getattr(module, "NEEDS", ()) if find_spec(name) is None]
     check(
         not missing,
-        f"export.format={format_} needs {' and '.join(missing)}: "
-        f"pip install 'labyrinth-datasets[{format_}]'",
+        f"export.format={asked.format} needs {' and '.join(missing)}: "
+        f"pip install 'labyrinth-datasets[{asked.format}]'",
     )
     write: Callable[[Split, Path], None] = module.write
     return write

@@ -29,8 +29,6 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import CELLS_PER_CHUNK
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import (
-    FORMAT,
-    FORMAT_OF_CHUNKS,
     MANIFEST,
     TABLE,
     Manifest,
@@ -195,8 +193,8 @@ class Build:
     cells_per_shard: int
     cells_per_chunk: tuple[int, int]
 
-    def plan(self, existing: Dataset | None = None) -> tuple[list[ShardJob], int]:
-        """Return the jobs of all shards, in the order of the manifest, and the manifest's format.
+    def plan(self, existing: Dataset | None = None) -> tuple[list[ShardJob], bool]:
+        """Return the jobs of all shards, in the manifest's order, and whether one chunk was enough.
 
         Workers draw the candidates if there are many.
 
@@ -225,8 +223,7 @@ class Build:
         if existing is not None:
             stay = sum(job.there is not None for job in jobs)
             say(f"{self.job.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
-        in_one_chunk = sampled.candidates <= candidates.first.size
-        return jobs, FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
+        return jobs, sampled.candidates <= candidates.first.size
 
     def _draw(self, chunks: Sequence[Chunk]) -> Iterator[Records]:
         """Draw chunks of candidates by workers, and yield their records."""
@@ -246,11 +243,13 @@ class Build:
         config, workplace = self.job.dataset, self.workplace
         try:
             workplace.prepare(config, overwrite=self.job.options.overwrite)
-            jobs, form = self.plan(existing)
+            jobs, in_one_chunk = self.plan(existing)
             shards = self._joined(jobs) if workplace.parts else self.made(jobs)
             _check_shifts(config, shards)
             labyrinths = self._tabulate(workplace.shards, jobs)
-            manifest = Manifest(config, build_versions(), shards, labyrinths, form)
+            manifest = Manifest.of_build(
+                config, build_versions(), shards, labyrinths, in_one_chunk=in_one_chunk
+            )
             workplace.commit(manifest)
         except ConfigError:  # There are too few labyrinths, so the shards are of no use.
             workplace.clear()

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import CELLS_PER_CHUNK, candidates
+from labyrinth_core.data.drawing import CELLS_PER_CHUNK, Drawing
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.data.storage import AnyPath, write_bytes
 from labyrinth_core.world.labyrinth import Structure
@@ -65,7 +65,7 @@ class Chunk:
 
     def candidates(self) -> Iterator[tuple[Structure, int]]:
         """Yield the chunk's candidates, then others without end, each with its split's index."""
-        for structure, split in candidates(self.config, self.number):
+        for structure, split in Drawing(self.config).candidates(self.number):
             yield structure, UNFIT if split is None else SAMPLED_SPLITS.index(split)
 
     def records(self) -> Records:

@@ -191,7 +191,10 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
 
 def _miscounted(manifest: Manifest) -> Iterator[str]:
     """Yield a message for each split with too few or too many labyrinths or shards."""
-    shards_of, asked = _shards_of(manifest), manifest.config.labyrinths
+    splits, asked = manifest.config.splits, manifest.config.labyrinths
+    shards_of = {
+        split: [each for each in manifest.shards if each.split == split] for split in splits
+    }
     for split, shards in shards_of.items():
         held, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
         # A shift leaves out labyrinths without such a variant; `check_shard` checks which.
@@ -200,12 +203,6 @@ def _miscounted(manifest: Manifest) -> Iterator[str]:
             yield f"{split} holds {held} labyrinths, not {asked}"
         if parent and len(shards) != (of_parent := len(shards_of[parent])):
             yield f"{split} has {len(shards)} shards, and {parent}, its parent, {of_parent}"
-
-
-def _shards_of(manifest: Manifest) -> dict[str, list[Shard]]:
-    """Return the shards of each split; the list is empty if the manifest has lost them."""
-    splits, shards = manifest.config.splits, manifest.shards
-    return {split: [shard for shard in shards if shard.split == split] for split in splits}
 
 
 def _jobs(data: Dataset, with_table: bool, train: Train) -> Iterator[CheckJob]:

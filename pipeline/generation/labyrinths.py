@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import ACTING, item_rng, own_labyrinth
+from labyrinth_core.data.drawing import ACTING, Drawing
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
@@ -36,21 +36,21 @@ def labyrinth_and_parent(
         LabyrinthError: There is no such labyrinth: the structure cannot hold the task, or has no
             other start or goal for it, or none of its walls can be changed.
     """
-    kind = SPLITS[split]
+    kind, drawing = SPLITS[split], Drawing(config)
     if kind.parent is None:
-        return own_labyrinth(config, split, structure), None
-    parent = own_labyrinth(config, kind.parent, structure)
+        return drawing.labyrinth(split, structure), None
+    parent = drawing.labyrinth(kind.parent, structure)
     if kind.new_structure:
         made = NEW_STRUCTURES[split].make(config, parent)
         if (bucket := bucket_of(config, made.structure)) != kind.bucket:
             raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
         return made, parent
     if kind.new_start and kind.new_goal:
-        return change_start_and_goal(parent, item_rng(config, split, structure)), parent
+        return change_start_and_goal(parent, drawing.rng(split, structure)), parent
     if kind.new_start:
-        return change_start(parent, item_rng(config, split, structure)), parent
+        return change_start(parent, drawing.rng(split, structure)), parent
     if kind.new_goal:
-        return change_goal(parent, item_rng(config, split, structure)), parent
+        return change_goal(parent, drawing.rng(split, structure)), parent
     return (replace(parent, look=kind.look) if kind.is_redrawn else parent), parent
 
 
@@ -87,7 +87,7 @@ def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
     """
     structure = labyrinth.structure
     passages = list(_worth_changing(config, labyrinth))
-    rng = item_rng(config, "one_wall", structure)
+    rng = Drawing(config).rng("one_wall", structure)
     for number in rng.permutation(len(passages)).tolist():
         changed = toggled(structure, *passages[number])
         if bucket_of(config, changed) != "test":
@@ -177,6 +177,6 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
 
 def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
     """Yield the passages of the shortest route that train demonstrates, the lower cell first."""
-    rng = item_rng(config, "train", labyrinth.structure, ACTING)
+    rng = Drawing(config).rng("train", labyrinth.structure, ACTING)
     cells = [state.agent for state in replay(labyrinth, shortest_route(labyrinth, rng)).states]
     return ((min(pair), max(pair)) for pair in pairwise(cells))

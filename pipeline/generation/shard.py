@@ -23,7 +23,7 @@ import numpy as np
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import solve
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, VALUES, arrow_schema
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
 from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
@@ -306,7 +306,8 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
     for place, episode in enumerate(episodes):
         states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
         names = [f"{name}-{step:04d}.png" for step in range(len(states))]
-        numbers = [*zip(*(of(episode) for of in VALUES), strict=True)]
+        columns = [column.values(episode) for column in NUMBERS if column.values]
+        numbers = [*zip(*columns, strict=True)]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
         for first in range(0, len(states), DRAWN_AT_ONCE):
             part = slice(first, first + DRAWN_AT_ONCE)

@@ -19,7 +19,7 @@ import numpy as np
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import own_labyrinth
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
@@ -110,7 +110,7 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
         moves = least_moves(structure, *default_start_and_goal(config.height, config.width))
     else:
         try:
-            moves = moves_of(own_labyrinth(config, split, structure))
+            moves = moves_of(Drawing(config).labyrinth(split, structure))
         except LabyrinthError:
             return None
     return Measures(moves, structure.loops, structure.junctions)

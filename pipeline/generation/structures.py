@@ -33,8 +33,7 @@ from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import (
     PATIENCE,
-    holds_task,
-    own_labyrinth,
+    Drawing,
     solve,
 )
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
@@ -206,7 +205,7 @@ def check_capacity(config: DatasetConfig) -> None:
     rare = bool(config.task.rules.tiles)
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
-    counts = dict.fromkeys(SAMPLED_SPLITS, 0)
+    counts, drawing = dict.fromkeys(SAMPLED_SPLITS, 0), Drawing(config)
     subsets = chain.from_iterable(
         combinations(edges, size)
         for size in range(config.height * config.width - 1, len(edges) + 1)
@@ -216,7 +215,7 @@ def check_capacity(config: DatasetConfig) -> None:
         if structure.is_connected:
             split = bucket_of(config, structure)
             if split is not None:
-                counts[split] += holds_task(config, split, structure)
+                counts[split] += drawing.holds_task(split, structure)
     least = min(counts.values())
     if config.labyrinths > least:
         exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
@@ -242,7 +241,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
         ConfigError: A shift finds too few structures.
     """
     structures = unpack(config, sampled["train"])
-    labyrinths = (own_labyrinth(config, "train", structure) for structure in structures)
+    labyrinths = (Drawing(config).labyrinth("train", structure) for structure in structures)
     train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
     taken = Taken(config, sampled)
     measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
@@ -352,7 +351,7 @@ def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Can
         if without > shift.patience:
             return
         measures = measures_of(config, split, structure)
-        labyrinth = partial(own_labyrinth, config, split, structure)
+        labyrinth = partial(Drawing(config).labyrinth, split, structure)
         if measures is not None and shift.problem(measures, labyrinth, train) is None:
             without = 0
             yield Candidate(_free(split, measures), structure)

@@ -67,7 +67,12 @@ class Workplace:
         if not self.folder.is_dir():
             raise DatasetError(f"{self.folder} is a file: move it, or choose another data_dir")
         recorded = self._recorded()
-        others = [p for p in self.folder.iterdir() if p.name not in recorded or _is_folder(p)]
+        others = [
+            path
+            for path in self.folder.iterdir()
+            # A link to a folder is removed without what it leads to.
+            if path.name not in recorded or (path.is_dir() and not path.is_symlink())
+        ]
         _refuse(self.folder, others)
 
     def _recorded(self) -> set[str]:
@@ -239,11 +244,6 @@ class Workplace:
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
     """Return everything that determines the shards of a build, and the number of its parts."""
     return {**config.to_json(), **build_versions(), "parts": parts}
-
-
-def _is_folder(path: AnyPath) -> bool:
-    """Return whether a path is a folder itself; a link is removed without what it leads to."""
-    return path.is_dir() and not path.is_symlink()
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:

@@ -50,18 +50,14 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
     named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
     read_from = {folder.name: Dataset.at(folder, renamed=True).manifest for folder in named}
-    # A copy under another name is not a config: its files would not be where the card says.
-    manifests = [
-        replace(manifest, companions=_companions_of(data_dir, manifest))
-        for folder, manifest in read_from.items()
-        if manifest.config.name == folder
-    ]
+    manifests = []
+    for folder, manifest in read_from.items():
+        # A copy under another name is not a config: its files would not be where the card says.
+        if manifest.config.name == folder:
+            found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
+            made = {suffix: each.manifest for suffix, each in found.items() if each is not None}
+            manifests.append(replace(manifest, companions=made))
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
-
-
-def _companions_of(data_dir: AnyPath, manifest: Manifest) -> dict[str, Manifest]:
-    found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
-    return {suffix: each.manifest for suffix, each in found.items() if each is not None}
 
 
 def without_manifest(data_dir: AnyPath) -> list[Path]:

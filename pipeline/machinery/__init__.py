@@ -1,1 +1,4 @@
-"""Infrastructure shared by the stages: executor, artifacts, locked folders, console."""
+"""Infrastructure shared by the stages: processes, folders that become complete, the console.
+
+It knows no stage.
+"""

@@ -209,6 +209,20 @@ class Sums:
                 "overwritten: move it away, or give overwrite=true"
             )
 
+    def is_whole(self, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
+        """Return whether an artifact is complete; raise DatasetError if `produced` would refuse."""
+        self.require_free({}, key, overwrite, instead)
+        lacking = [] if overwrite else self.damaged()
+        begun = {name for name, digest in self.made if digest == _UNKNOWN}
+        if changed := [n for n in lacking if n not in begun and _is_there(self.folder / n)]:
+            reason = "damaged or changed since it was made"
+            advice = f"give overwrite=true to make it again, or {instead}"
+            raise DatasetError(f"{self.folder} holds {named(changed)}, {reason}: {advice}")
+        whole = bool(self.made) and not overwrite and not lacking
+        if not whole:
+            self.strangers(ours, instead)
+        return whole
+
     def unfinished(self, names: Iterable[str]) -> list[Path]:
         """Return the temporary files of processes that were killed while writing these names."""
         paths, place = [self.folder / name for name in names], completion(self.folder, HASHES)
@@ -316,7 +330,7 @@ def produced(
     with held(place.parent, place.name):
         whole.recover()
         there = Sums.read(folder, overwrite=overwrite)
-        if is_whole(there, key, ours, overwrite, instead):
+        if there.is_whole(key, ours, overwrite, instead):
             yield None
             return
         if not overwrite and (missing := there.damaged()):
@@ -338,21 +352,6 @@ def produced(
             whole.complete(made)
         finally:
             remove(scratch)
-
-
-def is_whole(there: Sums, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
-    """Return whether an artifact is complete; raise DatasetError if `produced` would refuse."""
-    there.require_free({}, key, overwrite, instead)
-    lacking = [] if overwrite else there.damaged()
-    begun = {name for name, digest in there.made if digest == _UNKNOWN}
-    if changed := [n for n in lacking if n not in begun and _is_there(there.folder / n)]:
-        reason = "damaged or changed since it was made"
-        advice = f"give overwrite=true to make it again, or {instead}"
-        raise DatasetError(f"{there.folder} holds {named(changed)}, {reason}: {advice}")
-    whole = bool(there.made) and not overwrite and not lacking
-    if not whole:
-        there.strangers(ours, instead)
-    return whole
 
 
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from datetime import timedelta
 from functools import cache
+from math import ceil
+from threading import Event, Thread
 from typing import Any, TypeVar
 
 from rich.box import SIMPLE_HEAD
@@ -71,36 +74,54 @@ def progress(*, vanishes: bool = False) -> Progress:
     )
 
 
-def each_minute(bars: Progress, bar: TaskID) -> Callable[[str], None]:
-    """Return a function to call after each advance of a bar.
+@contextmanager
+def each_minute(
+    bars: Progress, bar: TaskID, unit: str = "", spent: Callable[[], float] | None = None
+) -> Iterator[None]:
+    """Print a line a minute about a bar where there is no terminal, and so no bar.
 
-    Where there is no terminal, and so no bar, it prints a line a minute: how far the bar is, the
-    text that it is given, and the time left. A log of hours then shows that the program works.
+    It says what the bar describes, how far it is, and the time left. A log of hours then shows that
+    the program works, also while one item takes minutes.
+
+    Args:
+        bars: The progress bars.
+        bar: One of them.
+        unit: What the bar counts, after a space.
+        spent: Returns the seconds that the finished items took; None if the bar began with none.
     """
-    due = bars.get_time() + SECONDS_PER_LINE
+    if console.is_terminal:
+        yield
+        return
+    ended = Event()
 
-    def tell(more: str) -> None:
-        nonlocal due
-        if console.is_terminal or bars.get_time() < due:
-            return
-        due = bars.get_time() + SECONDS_PER_LINE
-        task = next(task for task in bars.tasks if task.id == bar)
-        line = f"{task.description}: {task.completed:,.0f} of {task.total:,.0f}{more}"
-        left = task.time_remaining
-        say(line if left is None else f"{line}, {timedelta(seconds=left)} left")
+    def tell() -> None:
+        while not ended.wait(SECONDS_PER_LINE):
+            task = next(task for task in bars.tasks if task.id == bar)
+            total = task.total or 0
+            line = f"{task.description}: {task.completed:,.0f} of {total:,.0f}{unit}"
+            seconds = spent() if spent is not None else task.elapsed
+            if seconds and task.completed:
+                left = timedelta(seconds=ceil(seconds / task.completed * (total - task.completed)))
+                line += f", {left} left"
+            say(line)
 
-    return tell
+    teller = Thread(target=tell, daemon=True)
+    teller.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        teller.join()
 
 
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
     """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
     with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
-        tell = each_minute(bars, bar)
-        for amount, item in items:
-            yield item
-            bars.advance(bar, amount)
-            tell("")
+        with each_minute(bars, bar):
+            for amount, item in items:
+                yield item
+                bars.advance(bar, amount)
 
 
 def summary(manifest: Manifest) -> Table:

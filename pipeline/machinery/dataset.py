@@ -8,7 +8,7 @@ from importlib.metadata import version
 import numpy as np
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.pictures.png import LEVEL, REPEAT_LEVEL
+from labyrinth_core.pictures.png import ENCODER
 from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.options import SourceOptions, source_of
@@ -50,5 +50,5 @@ def build_versions() -> dict[str, str]:
         "numpy": np.__version__,
         "pyarrow": version("pyarrow"),
         "zlib": zlib.ZLIB_RUNTIME_VERSION,
-        "png": f"own encoder, deflate levels {LEVEL} and {REPEAT_LEVEL}",
+        "png": ENCODER,
     }

@@ -234,12 +234,15 @@ def _training(trained: Trained) -> str:
     config, (dataset, _) = trained.manifest.config.name, trained.job.options.dataset_on_hub
     asked = made.train_labyrinths
     held = sum(shard.labyrinths for shard in trained.manifest.of("train"))
-    labyrinths = count(held if asked is None else asked, "labyrinth")
-    of = "" if asked is None else f", the first of {held:,}"
+    if isinstance(asked, str):
+        learnt = f"new labyrinths of the bucket of `train`, {held:,} in each epoch"
+    else:
+        learnt = f"{count(held if asked is None else asked, 'labyrinth')} of `train`"
+        learnt += "" if asked is None else f", the first of {held:,}"
     rows = [
         ("dataset", f"`{config}` of `{dataset}`, revision `{trained.revision}`"),
         ("its fingerprint", f"`{made.fingerprint}`"),
-        ("learnt from", f"{labyrinths} of `train`{of}"),
+        ("learnt from", learnt),
         (
             "method",
             f"{verbatim(made.method)}, encoder {verbatim(made.encoder)}, seed {made.seed}",
@@ -291,4 +294,10 @@ def _limits(trained: Trained) -> list[str]:
     names += ["plans_once" if isinstance(spec.own, MapperSpec) else "no_memory"]
     names += ["pictures"] * (spec.observation == "image")
     names += ["knowledge"] * isinstance(spec.own, PlannerSpec)
-    return [paragraph(f"policy_{name}") for name in names]
+    limits = [paragraph(f"policy_{name}") for name in names]
+    receipt = trained.results.memorised
+    if receipt is not None:
+        figures = {"excess": f"{receipt.excess:+.2f}", "most": f"{receipt.most:.1f}"}
+        figures |= {"p": f"{receipt.p:.3f}", "drawn": f"{receipt.drawn:,}"}
+        limits.append(paragraph("policy_memorised", **figures))
+    return limits

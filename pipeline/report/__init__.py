@@ -1,1 +1,4 @@
-"""The report on a folder of datasets, as one HTML file."""
+"""The stage `report`: all datasets of a folder, and the results on them, as one HTML file.
+
+The page needs no server and loads nothing.
+"""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
+from dataclasses import asdict
 from pathlib import Path
 from statistics import mean
 from typing import Any
@@ -119,7 +120,11 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     splits_of_all = set.intersection(*(set(run.splits) for run in runs))
     shown = [split for split in (*EVALUATED_SPLITS, *SHIFTS) if split in splits_of_all]
     told = [
-        {"name": _about(run).name, "splits": {split: _run(run.splits[split]) for split in shown}}
+        {
+            "name": _about(run).name,
+            "splits": {split: _run(run.splits[split]) for split in shown},
+            "memorised": None if run.memorised is None else asdict(run.memorised),
+        }
         for run in runs
     ]
     splits = {}

@@ -44,6 +44,7 @@ SCRIPTS = (
     "records",
     "gallery",
     "player",
+    "receipts",
     "findings",
     "figures",
     "main",

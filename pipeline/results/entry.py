@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.description import Description, TrainedRun
+from labyrinth_core.evaluation.description import FRESH, Description, TrainedRun
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import by_labyrinth, return_interval
@@ -103,11 +103,12 @@ def entries_of(
 
 
 def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
+    labyrinths = run.first_labyrinths or figures["train"]["labyrinths"]
     return Description(
         name=title_of(run),
         author=AUTHOR if run.method in METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
-        details={"labyrinths": run.train_labyrinths or figures["train"]["labyrinths"]},
+        details={} if run.train_labyrinths == FRESH else {"labyrinths": labyrinths},
     )
 
 

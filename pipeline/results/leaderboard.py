@@ -16,6 +16,9 @@ LEADERBOARD = "leaderboard.md"
 MARK = "†"
 """Marks an entry that was not checked against the dataset, and so has no rank."""
 
+MEMORISED = "follows its own train"
+"""The column of receipts, on boards that have any."""
+
 HEADING = f"""# Leaderboard
 
 Methods ranked by SPL on `{RANKED_BY}`, whose structures no method trains on: [how to read
@@ -78,7 +81,9 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
     yield "What they have learnt from, and how they were evaluated:"
     heading = ["method", "by", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
-    yield table(heading, map(_effort, entries), "lll" + "r" * len(DETAILS) + "rlrll")
+    asked = any(each.memorised for entry in entries for each in entry.results)
+    rows = ([*_effort(entry), *[_memorised(entry)] * asked] for entry in entries)
+    yield table([*heading, *[MEMORISED] * asked], rows, "lll" + "r" * len(DETAILS) + "rlrlll")
     yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
 
 
@@ -121,6 +126,12 @@ def _effort(entry: Entry) -> list[str]:
         *(_name(entry), plain(about.author), plain(about.budget), *details),
         *(*evaluated, plain(first.version), about.date),
     ]
+
+
+def _memorised(entry: Entry) -> str:
+    """Return the excess over other training sets, and its p, for each run that was asked."""
+    receipts = (each.memorised for each in entry.results)
+    return "; ".join(f"{each.excess:+.2f} (p {each.p:.3f})" for each in receipts if each)
 
 
 def _name(entry: Entry, *, linked: bool = False) -> str:

@@ -24,8 +24,7 @@ from labyrinth_core.data.storage import read_json, temporaries
 from labyrinth_core.evaluation.description import is_day
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
 from pipeline.config.stage import Job
-from pipeline.generation.build import build
-from pipeline.generation.options import BuildOptions
+from pipeline.generation import built
 from pipeline.machinery.dataset import build_versions
 from pipeline.season.files import private_folder, require_regular
 from pipeline.season.options import SeasonStageOptions
@@ -256,6 +255,4 @@ def dataset(workers: int, config: DatasetConfig) -> Iterator[Dataset]:
         config: The config of the dataset.
     """
     with private_folder() as folder:
-        job = Job(BuildOptions(workers=workers), config, folder, str(folder))
-        build(job)
-        yield Dataset.at(job.folder)
+        yield built(config, folder, workers)

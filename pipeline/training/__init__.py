@@ -1,1 +1,4 @@
-"""Imitation learning from demonstrations: methods, the training loop, records of runs."""
+"""The stage `train`: methods that learn from demonstrations, the training loop, records of runs.
+
+An interrupted run goes on from its checkpoint, with the same weights in the end.
+"""

@@ -48,7 +48,7 @@ class Progress:
     best: dict[str, float] | None = None
     """The metrics of the epoch whose policy is kept."""
     stale: int = 0
-    """The number of evaluations since `Learner.selected_by` last improved."""
+    """The number of evaluations since the best SR on validation last rose."""
     weights: Tensors = field(default_factory=dict)
     """The weights of the policy that is kept."""
 

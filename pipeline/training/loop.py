@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from math import inf, isfinite
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -31,8 +31,7 @@ def fit(
 ) -> Progress:
     """Train until the last epoch or early stopping, and return the run's progress.
 
-    The policy with the highest `Learner.selected_by` is kept, usually the SR on validation; on a
-    tie the latest, or the first with `protocol.first_of_equals`.
+    The policy is kept that is best by `Learner.is_better`.
 
     Args:
         learner: A fresh learner.
@@ -55,6 +54,8 @@ def fit(
     saved = time.perf_counter()
     began = saved - progress.seconds
     while progress.epoch < epochs and progress.stale < protocol.patience:
+        if learner.problem.renewed is not None:
+            learner.renew(learner.problem.renewed(learner.problem, progress.epoch))
         figures = _plain(learner.epoch())
         _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
@@ -67,7 +68,7 @@ def fit(
         row = {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures
         progress.history.append(row)
         if "validation_sr" in figures:
-            _select(learner, progress, first_of_equals=protocol.first_of_equals)
+            _select(learner, progress)
         if now - saved >= checkpoint_seconds:
             checkpoint.save(path, learner, progress, identity)
             saved = now
@@ -75,13 +76,12 @@ def fit(
     return progress
 
 
-def _select(learner: Learner, progress: Progress, *, first_of_equals: bool) -> None:
+def _select(learner: Learner, progress: Progress) -> None:
     """Keep the current policy if it is the best so far."""
-    figures, name = progress.history[-1], learner.selected_by
-    best = -inf if progress.best is None else progress.best[name]
-    better = figures[name] > best
-    progress.stale = 0 if better else progress.stale + 1
-    if better or (figures[name] == best and not first_of_equals):
+    figures, best = progress.history[-1], progress.best
+    higher = best is None or figures["validation_sr"] > best["validation_sr"]
+    progress.stale = 0 if higher else progress.stale + 1
+    if best is None or learner.is_better(figures, best):
         progress.best = figures
         state = learner.policy.state_dict()
         progress.weights = {name: tensor.detach().clone() for name, tensor in state.items()}

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,10 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.answers import Player, Policy
+from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
@@ -31,7 +33,7 @@ from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
-from pipeline.config.errors import ConfigError
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.options import source_of
 from pipeline.config.stage import CONFIG, Job
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
@@ -59,7 +61,13 @@ play; of 1,000, a success rate has a standard error of at most 1.6 percentage po
 
 def refuse(job: Job[TrainOptions]) -> None:
     """Check the method and its settings before any stage starts; raise a ConfigError."""
-    find(job.options.method_name, job.options.method, job.options.protocol)
+    options = job.options
+    method, _ = find(options.method_name, options.method, options.protocol)
+    check(
+        method.renews or options.train_labyrinths != FRESH,
+        f"train_labyrinths={FRESH}: method={options.method_name} learns from the same labyrinths "
+        "in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
+    )
 
 
 def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECONDS) -> float:
@@ -77,7 +85,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     place = followed(folder)
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
-    data = dataset_of(job, job.options.train_labyrinths)
+    data = dataset_of(job, job.options.first_labyrinths)
     identity = identify(job, asdict(settings), data.fingerprint)
     there, overwrite = Sums.read(folder).key or {}, job.options.overwrite
     if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
@@ -207,7 +215,7 @@ def loader_of(
     def load(
         split: str, observation: str = options.observation, first: int | None = None
     ) -> LabyrinthArrays:
-        selection = data.of_first(split, options.train_labyrinths).filter(labyrinths=first)
+        selection = data.of_first(split, options.first_labyrinths).filter(labyrinths=first)
         resize = PROTOCOLS[options.protocol].resize
         return arrays_in(selection, ObservationSpec(observation, image_size, True, resize))
 
@@ -248,7 +256,7 @@ def prepare(
     }
 
     def steps(split: str) -> Steps:
-        return load_steps(data[split].filter(labyrinths=options.train_labyrinths), train)
+        return load_steps(data[split].filter(labyrinths=options.first_labyrinths), train)
 
     def exploration() -> Steps:
         try:
@@ -271,6 +279,16 @@ def prepare(
         rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
+    if options.train_labyrinths == FRESH:
+        shown = data.manifest.config
+        check(
+            shown.min_walls == 1,
+            f"train_labyrinths={FRESH}: new labyrinths may be nearer to those of test than "
+            f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
+        )
+        fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)
+        say(f"Each epoch draws {shown.labyrinths:,} new labyrinths from the bucket of train.")
+        problem = fresh.renewed(replace(problem, renewed=fresh.renewed), 0)
     return method(problem, settings), judge
 
 
@@ -298,14 +316,14 @@ def _reporting(
     options: TrainOptions, epochs: int, folder: Path
 ) -> Iterator[Callable[[Progress], None]]:
     """Yield a function that displays and logs the progress of a run after an epoch."""
-    written = 0
+    written, seconds = 0, 0.0
 
     def report(done: Progress) -> None:
-        nonlocal written
+        nonlocal written, seconds
+        seconds = done.seconds
         best = "" if done.best is None else f", best SR {done.best['validation_sr']:.0%}"
         loss = f"{options.method_title} loss {done.history[-1]['loss']:.3f}"
         bars.update(bar, completed=done.epoch, description=loss + best)
-        tell(" epochs")
         if board is not None:  # Epochs before an interruption are written again.
             for row in done.history[written:]:
                 for name in sorted(row.keys() - {"epoch"}):
@@ -315,5 +333,5 @@ def _reporting(
 
     with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
-        tell = each_minute(bars, bar)
-        yield report
+        with each_minute(bars, bar, " epochs", lambda: seconds):
+            yield report

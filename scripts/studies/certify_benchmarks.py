@@ -1,12 +1,14 @@
 """Certify the environments of docs/studies/benchmarks.md, one after another, and keep each result.
 
     python scripts/studies/certify_benchmarks.py --list
-    OMP_NUM_THREADS=1 nice -n 19 python scripts/studies/certify_benchmarks.py
-    OMP_NUM_THREADS=1 nice -n 19 python scripts/studies/certify_benchmarks.py DoorKey BabyAI
+    export OMP_NUM_THREADS=1 PYTHONHASHSEED=0
+    nice -n 19 python scripts/studies/certify_benchmarks.py
+    nice -n 19 python scripts/studies/certify_benchmarks.py DoorKey BabyAI
 
 The last line certifies only the environments whose name contains one of the texts. An environment
 is left out if its certificate is kept or its package is not installed. `seconds.csv` receives the
-processor time of each. `--records FOLDER` certifies what `record_procgen.py` recorded.
+processor time of each. `--records FOLDER` certifies what `record_procgen.py` recorded. Levels of
+VAGEN's Sokoban depend on PYTHONHASHSEED, which their certificate names.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
+from environments.elsewhere import lake_of, maze_of, room_of
 from environments.generated import TEST, map_of
 
 from labyrinth_core import certify
@@ -30,6 +33,8 @@ SECONDS = "seconds.csv"
 
 GENERATED = "environments.generated:"
 """The module of environments in which a seed chooses the level."""
+ELSEWHERE = "environments.elsewhere:"
+"""The module of environments with an interface of their own."""
 
 MINIGRID = (
     *("DoorKey-5x5", "DoorKey-8x8", "LavaCrossingS9N2", "MultiRoom-N2-S4", "FourRooms"),
@@ -50,8 +55,8 @@ class Benchmark:
     """What `certify` takes."""
     package: str
     """The package that has to be installed."""
-    seeds: int = 500
-    """The number of seeds of train, from 0 on, and of test, from `TEST` on."""
+    train: range = range(500)
+    test: range = range(TEST, TEST + 500)
     probes: int = 4
     steps: int = 64
     state: Callable[[Any], Any] | None = None
@@ -60,7 +65,7 @@ class Benchmark:
     @property
     def name(self) -> str:
         """The name of the certificate's file, without its end."""
-        return self.environment.removeprefix(GENERATED)
+        return self.environment.rpartition(":")[2]
 
 
 def benchmarks() -> Iterator[Benchmark]:
@@ -75,7 +80,23 @@ def benchmarks() -> Iterator[Benchmark]:
         yield Benchmark(f"MiniGrid-{name}-v0", "minigrid")
     for name in BABYAI:
         yield Benchmark(f"BabyAI-{name}-v0", "minigrid")
-    yield Benchmark(f"{GENERATED}Crafter-v0", "crafter", seeds=25, probes=1)
+    for name in ("Explore", "Escape"):
+        name = f"popgym:popgym-Labyrinth{name}Easy-v0"
+        yield Benchmark(name, "popgym", state=maze_of)
+    yield Benchmark(f"{ELSEWHERE}OpenEnv-Maze-v0", "maze_env")
+    yield Benchmark(f"{ELSEWHERE}ReasoningGym-Maze-v0", "reasoning_gym", probes=1, steps=1)
+    yield Benchmark(f"{ELSEWHERE}Jumanji-Maze-v0", "jumanji", probes=1, steps=8)
+    # The seeds are those of VAGEN's examples/train, and of RAGEN's config/base.yaml: 8 new ones
+    # in each of 200 training steps, and 512 for validation.
+    for name, state in (("FrozenLake", lake_of), ("Sokoban", room_of)):
+        for package, train, test in (
+            ("VAGEN", range(1, 10_001), range(10_001, 10_257)),
+            ("RAGEN", range(10_000, 11_600), range(123, 635)),
+        ):
+            name_of = f"{ELSEWHERE}{package}-{name}-v0"
+            yield Benchmark(name_of, package.lower(), train, test, 1, 8, state)
+    crafter = range(25), range(TEST, TEST + 25)
+    yield Benchmark(f"{GENERATED}Crafter-v0", "crafter", *crafter, probes=1)
 
 
 def missing_in(folder: Path) -> list[Benchmark]:
@@ -113,8 +134,8 @@ def perform(benchmark: Benchmark, folder: Path) -> None:
     try:
         certificate = certify(
             benchmark.environment,
-            train=range(benchmark.seeds),
-            test=range(TEST, TEST + benchmark.seeds),
+            train=benchmark.train,
+            test=benchmark.test,
             probes=benchmark.probes,
             steps=benchmark.steps,
             state=benchmark.state,

@@ -10,6 +10,7 @@ from kept_results import RESULTS
 from matplotlib.figure import Figure
 
 from labyrinth_core.benchmarks.levels import percent
+from labyrinth_core.benchmarks.seeds import seeds_of
 from labyrinth_core.data.storage import read_json
 from pipeline.machinery.markdown import table
 
@@ -24,24 +25,61 @@ LABELS = {"FrozenLake": "FrozenLake {}, map by seed", "Labyrinth": "Labyrinth {}
 }
 """How the name of a generated environment begins -> its name in the page."""
 
+PUBLISHED = ("VAGEN", "RAGEN", "ReasoningGym")
+"""How the names of environments begin whose projects publish the seeds of train and test."""
+
 APART = 3.4
 """The least distance of two labels in the figure, in percent."""
 
 
 def certified() -> str:
-    """Return the table of all environments, those with the largest share first."""
-    return table(HEADING, map(row, kept()))
+    """Return the table of environments with seeds of ours, those with the largest share first."""
+    return table(HEADING, [row(each) for each in kept() if not is_published(each)])
+
+
+def published() -> str:
+    """Return the table of environments with the seeds that their projects train and test on."""
+    heading = ["environment", "train seeds", "test seeds", "levels seen", "coverage", "at least"]
+    rows = []
+    for each in filter(is_published, kept()):
+        levels, found = each["levels"], each["measures"][each["levels"]["by"]]
+        trained = len(seeds_of(each["arguments"]["train"], "train"))
+        numbers = [f"{trained:,}", f"{found['of']:,}", f"{levels['seen']:,}"]
+        in_train = [f"{found['count']:,}", share(each, levels["by"])]
+        rows.append([name(each), *numbers, *estimates(levels), *in_train])
+    return table([*heading, "in train", "%"], rows)
+
+
+def is_published(certificate: Certificate) -> bool:
+    """Return whether the seeds of a certificate are those of the environment's project."""
+    return name(certificate).startswith(PUBLISHED)
 
 
 def procgen() -> str:
-    """Return the table of Procgen's games, by first pictures."""
-    heading = ["game", "train levels", "test levels", "coverage", "at least", "first"]
+    """Return the table of Procgen's games at the sizes of its paper, by first pictures."""
+    columns = ("easy-200", "hard-500")
+    shares = {each["environment"].removeprefix("procgen-"): each for each in kept(records=True)}
+    games = sorted({environment.partition("-")[0] for environment in shares})
+    rows = [
+        [game, *(share(shares[f"{game}-{column}"], "first") for column in columns)]
+        for game in games
+    ]
+    rows.sort(key=lambda row: -max(float(cell.partition(" ")[0]) for cell in row[1:]))
+    return table(["game", "easy, 200 train levels", "hard, 500 train levels"], rows)
+
+
+def procgen_views() -> str:
+    """Return the table of Procgen's games that show the whole level."""
+    heading = ["game", "levels", "train levels", "test levels", "backgrounds"]
     rows = []
     for each in kept(records=True):
-        _, game, train = each["environment"].split("-")
-        of, levels = each["measures"]["first"]["of"], each["levels"]
-        rows.append([game, f"{int(train):,}", f"{of:,}", *estimates(levels), share(each, "first")])
-    return table(heading, rows)
+        _, game, mode, train, *looks = each["environment"].split("-")
+        if looks:
+            shown = "none" if "plain" in looks else "as usual"
+            of, estimated = each["measures"]["first"]["of"], estimates(each["levels"])
+            numbers = [f"{int(train):,}", f"{of:,}"]
+            rows.append([game, mode, *numbers, shown, *estimated, share(each, "first")])
+    return table([*heading, "coverage", "at least", "first"], rows)
 
 
 def kept(records: bool = False) -> list[Certificate]:
@@ -95,10 +133,11 @@ def draw() -> Figure:
 
     It has no environment that only first observations tell apart.
     """
-    figure = Figure(figsize=(7.2, 5.2), layout="constrained")
+    figure = Figure(figsize=(7.2, 6.4), layout="constrained")
     panel = figure.subplots()
     drawn = [each for each in kept() if best(each) > 0 and each["levels"]["by"] != "first"]
     heights: list[float] = []
+    most = max(each["curves"][each["levels"]["by"]][-1][0] for each in drawn)
     for each in drawn:
         by = each["levels"]["by"]
         seeds, counts = np.array(each["curves"][by]).T
@@ -111,7 +150,7 @@ def draw() -> Figure:
         panel.annotate(
             label,
             (seeds[-1], shares[-1]),
-            (seeds[-1] * 1.12, heights[-1]),
+            (most * 1.12, heights[-1]),
             va="center",
             fontsize=7.5,
             color=colour,
@@ -119,8 +158,8 @@ def draw() -> Figure:
             annotation_clip=False,
         )
     panel.set_xscale("log")
-    panel.set_xticks([1, 10, 100, 500], ["1", "10", "100", "500"])
+    panel.xaxis.set_major_formatter("{x:,.0f}")
     panel.set(xlabel="training seeds", ylabel="% of test seeds whose level is in train")
-    panel.set(xlim=(1, 500), ylim=(min(0, heights[-1]) - 2, 103))
+    panel.set(xlim=(1, most), ylim=(min(0, heights[-1]) - 2, 103))
     panel.grid(alpha=0.3)
     return figure

@@ -18,7 +18,7 @@ from figures import draw_rates
 from kept_results import RESULTS, Groups, by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from run_queue import HOURS, LONGEST, missing_in
+from run_queue import HOURS, LONGEST, SCALING, missing_in
 
 from labyrinth_core.data.storage import read_json
 from labyrinth_core.evaluation.baselines import REFERENCES
@@ -239,9 +239,13 @@ def costs() -> str:
 
 
 def missing() -> str:
-    """Return a table of the runs of the queue that are not kept, with their hours."""
-    left = [each for each in missing_in(RESULTS) if each.hours <= LONGEST]
-    longer = [each for each in missing_in(RESULTS) if each.hours > LONGEST]
+    """Return a table of the runs of the queue that are not kept, with their hours.
+
+    Those of scaling.md are in a table there.
+    """
+    missed = [each for each in missing_in(RESULTS) if not each.kept.startswith(SCALING)]
+    left = [each for each in missed if each.hours <= LONGEST]
+    longer = [each for each in missed if each.hours > LONGEST]
     rows = [[f"`{each.kept}`", "1", f"{each.hours}"] for each in longer]
     for folder in sorted({each.folder for each in left}):
         hours = [each.hours for each in left if each.folder == folder]

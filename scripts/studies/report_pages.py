@@ -23,8 +23,10 @@ import report_controls
 import report_coverage
 import report_environments
 import report_mapper
+import report_memorising
 import report_paper
 import report_reinforcement
+import report_scaling
 import report_shifts
 from figures import STYLE, save
 from matplotlib.figure import Figure
@@ -65,11 +67,24 @@ TABLES: Mapping[str, Callable[[], str]] = {
     "mapper": report_mapper.rates,
     "on slots": report_mapper.on_slots,
     "mapper sizes": report_mapper.sizes,
+    "memorising headline": report_memorising.headline,
+    "memorising": report_memorising.methods,
+    "memorising validity": report_memorising.validity,
+    "memorising uniform": report_memorising.uniform,
+    "memorising conditions": report_memorising.conditions,
+    "memorising missing": report_memorising.missing,
     "environments": report_environments.like_theirs,
     "two episodes": report_environments.two_episodes,
     "environments over many episodes": report_environments.many,
     "benchmarks": report_benchmarks.certified,
+    "published": report_benchmarks.published,
     "procgen": report_benchmarks.procgen,
+    "procgen views": report_benchmarks.procgen_views,
+    "scaling": report_scaling.rates,
+    "scaling new ends": report_scaling.new_ends,
+    "laws": report_scaling.laws,
+    "limits": report_scaling.limits,
+    "scaling missing": report_scaling.missing,
 }
 """Name of a table -> the function that makes it."""
 
@@ -82,6 +97,7 @@ FIGURES: Mapping[str, Callable[[], Figure]] = {
     "mapper-sizes": report_mapper.draw_sizes,
     "reinforcement": report_reinforcement.draw,
     "benchmarks": report_benchmarks.draw,
+    "scaling": report_scaling.draw,
 }
 """Name of a figure's file -> the function that draws it."""
 

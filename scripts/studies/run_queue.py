@@ -1,4 +1,4 @@
-"""Run what docs/studies/results.md still misses, one run after another, and keep each result.
+"""Run what the pages of docs/studies still miss, one run after another, and keep each result.
 
     python scripts/studies/run_queue.py --list
     OMP_NUM_THREADS=1 nohup nice -n 19 python scripts/studies/run_queue.py --kept FOLDER &
@@ -24,6 +24,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from labyrinth_core.evaluation.description import FRESH, RunName
+
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs/results"
 HOURS = "hours.csv"
@@ -34,16 +36,8 @@ LONGEST = 2.0
 """The hours of the longest run that the queue takes on; of longer ones the page gives the hours."""
 
 SIX = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
-THOUSAND = "data/thousand/5x5"
-
-DATASETS = (
-    "size=3",
-    "size=4",
-    "size=5",
-    "size=5 shifts=all data_dir=data/shifts",
-    "size=5 labyrinths=1000 data_dir=data/thousand",
-)
-"""What the runs learn from, and are evaluated on."""
+THOUSAND = "size=5 labyrinths=1000 data_dir=data/thousand"
+"""What most runs are evaluated on, as options of its build."""
 
 RESNET = {1: 11.0, 2: 11.0}
 """Seeds of GAIL with ResNet-18 at 5x5, and the hours of each without a GPU, estimated."""
@@ -58,6 +52,28 @@ AUTHORS = {
 SEEDS = {"bc": 0.01, "dagger": 0.02, "iupe": 0.04, "sqil": 0.06, "bco": 0.05, "gail": 0.07}
 """Hours of each method at 5x5 with one more seed, and its evaluation on a thousand labyrinths."""
 
+SCALING = "scaling"
+"""The folder of the runs of docs/studies/scaling.md."""
+
+GOALS = {
+    "fixed": ("size=5 labyrinths={} data_dir=data/many", THOUSAND),
+    "varied": (
+        "size=5 goals=varied labyrinths={} data_dir=data/many_varied",
+        "size=5 goals=varied labyrinths=1000 data_dir=data/thousand_varied",
+    ),
+}
+"""`goals` -> what the runs of SCALING learn from, of some number of labyrinths, and are evaluated
+on."""
+
+MANY = 10_000
+"""The labyrinths of train in most runs of SCALING, and of an epoch of FRESH ones."""
+
+STEPS = {4_000: 3, 50_000: 36}
+"""The gradient steps of a run of SCALING, about -> how often it sees a step of MANY labyrinths."""
+
+POINTS: tuple[int | str, ...] = (100, 1_000, MANY, FRESH, 300, 3_000)
+"""The numbers of labyrinths that BC learns from in SCALING, those first that say most."""
+
 
 @dataclass(frozen=True)
 class Planned:
@@ -67,9 +83,17 @@ class Planned:
     """Where its results lie in docs/results."""
     hours: float
     """What it takes on one core, estimated."""
+    dataset: str
+    """The options of what it learns from."""
     options: str
-    """Those of training and evaluation."""
-    evaluate_on: str = ""
+    """The others of training and evaluation."""
+    evaluated: str = ""
+    """The options of what it is evaluated on, if that is another dataset."""
+
+    @property
+    def evaluate_on(self) -> str:
+        """The other dataset that it is evaluated on, if any."""
+        return f"{self.evaluated.rpartition('=')[2]}/5x5" if self.evaluated else ""
 
     @property
     def folder(self) -> str:
@@ -83,18 +107,21 @@ class Planned:
         return f"{self.kept.removesuffix('.json')}/{results}"
 
     def commands(self) -> Iterator[str]:
-        """Yield the two commands that make it, each a program and its options."""
-        own = f"{self.options} threads=1 run_dir={Path('runs', self.kept).parents[1]}"
+        """Yield the commands that make it, each a program and its options, from its datasets on."""
+        for each in filter(None, (self.dataset, self.evaluated)):
+            yield f"run.py {each} stages=build"
+        own = f"{self.dataset} {self.options} threads=1"
+        own += f" run_dir={Path('runs', self.kept).parents[1]}"
         elsewhere = f" evaluate_on={self.evaluate_on}" * bool(self.evaluate_on)
         yield f"run.py {own} stages=train"
         yield f"run.py {own} stages=evaluate{elsewhere}"
 
 
 def planned() -> Iterator[Planned]:
-    """Yield all runs in their order: ResNet-18, the authors' protocol, more seeds."""
+    """Yield all runs: ResNet-18, the authors' protocol, more seeds, more labyrinths."""
     for seed, hours in RESNET.items():
-        given = f"size=5 method=gail encoder=resnet18 seed={seed} method.evaluate_every=5"
-        yield Planned(f"runs/5x5/gail-resnet18-seed{seed}.json", hours, given)
+        given = f"method=gail encoder=resnet18 seed={seed} method.evaluate_every=5"
+        yield Planned(f"runs/5x5/gail-resnet18-seed{seed}.json", hours, "size=5", given)
     for config, chosen in AUTHORS.items():
         for method, (epochs, hours) in chosen.items():
             given = "method=custom protocol=authors"
@@ -103,12 +130,52 @@ def planned() -> Iterator[Planned]:
             name = f"authors/runs/{config}/{method}-cnn-seed0-authors.json"
             if method not in ("bco", "iupe"):  # These explore whenever they are tried.
                 given += f" method.evaluate_every={epochs // 5}"
-            yield Planned(name, hours, f"size={config[0]} {given}")
+            yield Planned(name, hours, f"size={config[0]}", given)
     for seed in range(5, 20):
         for method, hours in SEEDS.items():
             name = f"thousand/runs/5x5/{method}-cnn-seed{seed}.json"
-            given = f"size=5 data_dir=data/shifts method={method} seed={seed}"
-            yield Planned(name, hours, given, THOUSAND)
+            given = f"method={method} seed={seed}"
+            shifts = "size=5 shifts=all data_dir=data/shifts"
+            yield Planned(name, hours, shifts, given, THOUSAND)
+    yield from scaling()
+
+
+def scaling() -> Iterator[Planned]:
+    """Yield the runs of docs/studies/scaling.md, the shorter ones first."""
+    for steps in STEPS:
+        for goals in GOALS:
+            for labyrinths in POINTS:
+                yield scaled("bc", goals, labyrinths, steps, 0)
+    for seed in (1, 2):
+        for goals in GOALS:
+            for labyrinths in POINTS:
+                yield scaled("bc", goals, labyrinths, 50_000, seed)
+    yield scaled("bc", "fixed", 10 * MANY, 50_000, 0)
+    for method in ("dagger", "iupe", "gail"):
+        for labyrinths in POINTS[:3]:
+            yield scaled(method, "fixed", labyrinths, 50_000, 0)
+    for method in ("dagger", "iupe"):
+        yield scaled(method, "fixed", FRESH, 50_000, 0)
+
+
+def scaled(method: str, goals: str, labyrinths: int | str, steps: int, seed: int) -> Planned:
+    """Return a run that learns from some labyrinths, or from fresh ones, with about `steps` steps.
+
+    BC, DAgger and IUPE take a gradient step for each 64 demonstrated steps of an epoch; GAIL has
+    its usual epochs, which are longer for more labyrinths.
+    """
+    learnt = labyrinths if isinstance(labyrinths, int) else MANY
+    epochs = 100 if method == "gail" else round(STEPS[steps] * MANY / learnt)
+    given = f"method={method} seed={seed} train_labyrinths={labyrinths} method.epochs={epochs}"
+    given += f" method.evaluate_every={epochs // 3}"
+    data, evaluated = GOALS[goals]
+    name = RunName(
+        method=method, encoder="cnn", protocol="default", train_labyrinths=labyrinths, seed=seed
+    ).name
+    times = {"bc": 1.0, "dagger": 2.0, "iupe": 3.0, "gail": learnt / 1_000}[method]
+    hours = times * (0.02 + steps / 120_000)
+    kept = f"{SCALING}/{goals}-{steps}/runs/5x5/{name}.json"
+    return Planned(kept, round(hours, 2), data.format(max(learnt, MANY)), given, evaluated)
 
 
 def missing_in(*folders: Path) -> list[Planned]:
@@ -134,8 +201,6 @@ def main() -> None:
     kept.mkdir(parents=True, exist_ok=True)
     # `subprocess.run` then kills what it waits for; a checkpoint is half a minute old at most.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
-    for options in DATASETS:
-        program(f"run.py {options} stages=build")
     for each in missing:
         if each.hours <= LONGEST:
             perform(each, kept)

@@ -26,8 +26,8 @@ def test_every_kept_certificate_is_of_the_list_or_of_records() -> None:
         benchmark = planned[path.stem]
         assert arguments == {
             "environment": benchmark.environment,
-            "train": f"0:{benchmark.seeds}",
-            "test": f"{TEST}:{TEST + benchmark.seeds}",
+            "train": f"{benchmark.train.start}:{benchmark.train.stop}",
+            "test": f"{benchmark.test.start}:{benchmark.test.stop}",
             "probes": benchmark.probes,
             "steps": benchmark.steps,
         }
@@ -40,7 +40,15 @@ def test_what_is_kept_is_not_certified_again_and_a_failure_stops_nothing(
     chosen = [
         study.Benchmark("Missing-v0", "gymnasium"),
         study.Benchmark("other", "no_such_package"),
-        study.Benchmark("environments.generated:FrozenLake4x4-v0", "gymnasium", 3, 1, 2, map_of),
+        study.Benchmark(
+            "environments.generated:FrozenLake4x4-v0",
+            "gymnasium",
+            train=range(3),
+            test=range(TEST, TEST + 3),
+            probes=1,
+            steps=2,
+            state=map_of,
+        ),
     ]
     monkeypatch.setattr(study, "benchmarks", lambda: iter(chosen))
     for again in range(2):

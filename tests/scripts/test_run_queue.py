@@ -17,7 +17,7 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     one_of_each = {each.kept.rpartition("-seed")[0]: each for each in queue.planned()}
     assert len(one_of_each) > 15
     for each in one_of_each.values():
-        (program, *training), (_, *evaluation) = map(shlex.split, each.commands())
+        *builds, (program, *training), (_, *evaluation) = map(shlex.split, each.commands())
         assert (queue.ROOT / program).exists()
         run = composed(*training)
         find(run.options.method_name, run.options.method, run.options.protocol)
@@ -26,18 +26,21 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
             Path(each.kept).stem,
         )
         assert composed(*evaluation).options.evaluate_on == each.evaluate_on
+        built = [composed(*options).folder for _, *options in builds]
+        assert Path(each.evaluate_on) in built or not each.evaluate_on
+        assert run.folder in built
 
 
 def test_what_is_kept_is_not_repeated_and_all_hours_are_logged(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    run = queue.Planned("runs/3x3/mine-cnn-seed0.json", 1.0, "size=3")
+    run = queue.Planned("runs/3x3/mine-cnn-seed0.json", 1.0, "size=3", "method=bc")
     done: list[str] = []
 
     def program(options: str) -> None:
         done.append(options)
         if "stages=evaluate" in options:
-            if len(done) == 2:
+            if len(done) == 3:
                 raise SystemExit(143)  # As after SIGTERM.
             left = tmp_path / "runs/runs/3x3/mine-cnn-seed0/results.json"
             left.parent.mkdir(parents=True)

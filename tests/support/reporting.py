@@ -90,7 +90,7 @@ def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:
         outcomes = np.full(len(right.distance), "solved")
         if split == "test":
             outcomes[seed : seed + 2] = "loop"
-        cells = known.manifest.config.height * known.manifest.config.width
+        cells = known.data.manifest.config.height * known.data.manifest.config.width
         moves = np.where(outcomes == "solved", right.distance, STEP_LIMIT * cells)
         episodes = Episodes(outcomes, moves, cells)
         about = right.labyrinth_ids, right.distance, 1.0, 0.0, right.known_route

@@ -1,6 +1,7 @@
 // Pictures of labyrinths on a canvas, laid out and coloured as by labyrinth_core.pictures.renderer.
 
 const ROUTE_COLOUR = "rgb(204 121 167)";
+const [MARK_COLOUR, PALE_MARK] = ["rgb(196 40 140)", "rgb(196 40 140 / 0.3)"];
 const rgb = ([red, green, blue], alpha = 1) => `rgb(${red} ${green} ${blue} / ${alpha})`;
 const isDark = () => document.documentElement.dataset.theme === "dark";
 
@@ -43,7 +44,8 @@ function layout({ height, width }, size) {
  *
  * `view` may have: `state` (number of the state that the agent is in), `route` (cells), `arrows`
  * (pairs of a cell and its optimal actions), `seen` (the cells that are not hidden), `posts` (false
- * leaves out the posts between cells that touch no wall, which look like dirt in a small picture).
+ * leaves out the posts between cells that touch no wall, which look like dirt in a small picture),
+ * `marked` (pairs of neighbouring cells: a wall between them is coloured, a passage pale).
  */
 function paint(canvas, labyrinth, size, view = {}) {
   const { height, width } = labyrinth;
@@ -59,6 +61,7 @@ function paint(canvas, labyrinth, size, view = {}) {
   paintTiles(pencil, labyrinth, grid, colours, view.state ?? null);
   paintWalls(pencil, labyrinth, grid, colours, view.posts ?? true);
   if (view.seen) veil(pencil, labyrinth, grid, colours, view.seen);
+  for (const pair of view.marked ?? []) paintMark(pencil, labyrinth, grid, pair);
   if (view.route) paintRoute(pencil, view.route.map(grid.middle), grid);
   if (view.state !== undefined) paintAgent(pencil, labyrinth, grid, colours, view.state);
   for (const [cell, actions] of view.arrows ?? []) {
@@ -120,6 +123,14 @@ function veil(pencil, { width, start, goal, up, right }, grid, colours, seen) {
     if (up[cell] && !seen.has(cell + width)) pencil.fillRect(x, y - thick, wide, thick);
     if (right[cell] && !seen.has(cell + 1)) pencil.fillRect(x + wide, y, thick, tall);
   }
+}
+
+function paintMark(pencil, { width, up, right }, grid, [low, high]) {
+  const [x, y, wide, tall] = grid.inner(low);
+  const above = high - low === width;
+  pencil.fillStyle = (above ? up[low] : right[low]) ? PALE_MARK : MARK_COLOUR;
+  if (above) pencil.fillRect(x, y - grid.thick, wide, grid.thick);
+  else pencil.fillRect(x + wide, y, grid.thick, tall);
 }
 
 function paintRoute(pencil, places, grid) {

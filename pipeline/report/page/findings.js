@@ -202,7 +202,7 @@ function resultsOf(config) {
     table("SPL; below it success rate (SR) and average return", ["method", "seeds", ...splits], [...rows(false), ...others, ...rows(true)]),
   );
   results.querySelector("details").open = true;
-  return [results, ...methods.map(methodDetails)];
+  return [results, ...methods.flatMap((each) => [methodDetails(each), receiptsOf(each)]).filter(Boolean)];
 }
 
 /** Return the name of a method, and who submitted it. */

@@ -45,6 +45,8 @@ class Settings(BaseSettings):
 class Method(Learner):
     """Behavioural cloning; its only state is the policy and its optimizer."""
 
+    renews = True
+
     def __init__(self, problem: Problem, settings: Any) -> None:
         super().__init__(problem, settings)
         for name in ("augment", "average"):

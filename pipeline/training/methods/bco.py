@@ -41,19 +41,36 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """The policy, the inverse dynamics model, and I, an array of rows (s, a, s'), shape (N, 3)."""
+    """The policy, the inverse dynamics model, and I, an array of rows (s, a, s'), shape (N, 3).
+
+    If each epoch has new labyrinths, I is of those of the first epoch of its round: the steps of a
+    random policy and of the policy in them.
+    """
+
+    renews = True
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
         self.model = self.network(frames=2)
         self.model_optimizer = self.adam(self.model)
-        self.before = np.stack(problem.exploration(), axis=1)
-        self.experience = self.before
-        arrays = problem.arrays
-        self.where, self.taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
         self.scores = np.zeros((len(problem.demonstrations.states), ACTIONS))
         self.epochs = 0
         self.model_loss = 0.0
+        self.begin()
+
+    def begin(self) -> None:
+        """Set I to the steps of the random policy, and put the policy on each start."""
+        self.before = np.stack(self.problem.exploration(), axis=1)
+        self.experience = self.before
+        self.where = self.problem.arrays.initial.copy()
+        self.taken = np.zeros_like(self.where)
+
+    def renew(self, problem: Problem) -> None:
+        super().renew(problem)
+        if self.epochs % self.settings.epochs_a_round == 0:
+            self.begin()
+        else:
+            self.infer()
 
     def epoch(self) -> dict[str, float]:
         if self.epochs % self.settings.epochs_a_round == 0:
@@ -82,10 +99,14 @@ class Method(Learner):
         self.experience = np.concatenate([self.experience, own.transitions])
 
     def fit_model(self) -> None:
-        """Fit the model to I, and compute its scores for the state pairs of the demonstrations."""
+        """Fit the model to I, and infer the actions of the demonstrations."""
         states, actions, after = self.experience.T
         for _ in range(self.settings.model_epochs):
             self.model_loss = self.clone(self.model, self.model_optimizer, (states, after), actions)
+        self.infer()
+
+    def infer(self) -> None:
+        """Compute the model's scores for the state pairs of the demonstrations."""
         shown = self.problem.demonstrations
         outputs = self.outputs(self.model, shown.states, shown.next_states)
         self.scores = double(outputs).cpu().numpy()

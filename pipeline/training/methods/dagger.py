@@ -32,7 +32,13 @@ class Settings(BaseSettings):
 
 
 class Method(Learner):
-    """The policy, and the dataset D: `states` with their `labels`."""
+    """The policy, and the dataset D: `states` with their `labels`.
+
+    If each epoch has new labyrinths, D is of these alone, and from the second epoch on the policy
+    acts in them first: each epoch is a round.
+    """
+
+    renews = True
 
     def __init__(self, problem: Problem, settings: Settings) -> None:
         super().__init__(problem, settings)
@@ -40,8 +46,13 @@ class Method(Learner):
         self.labels = problem.demonstrations.actions
         self.epochs = 0
 
+    def renew(self, problem: Problem) -> None:
+        super().renew(problem)
+        self.states, self.labels, _ = problem.demonstrations
+
     def epoch(self) -> dict[str, float]:
-        if self.epochs and self.epochs % self.settings.epochs_a_round == 0:
+        every = self.settings.epochs_a_round if self.problem.renewed is None else 1
+        if self.epochs and self.epochs % every == 0:
             self.aggregate(self.visited())
         self.epochs += 1
         loss = self.clone(self.policy, self.optimizer, (self.states,), self.labels)

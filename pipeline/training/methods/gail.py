@@ -188,13 +188,17 @@ class Method(Learner):
         """Update the policy in one pass over the visited states; return the mean loss."""
         visited, of_visited = np.unique(samples.states, return_inverse=True)
         batches = self.batches(len(visited))
+        of_batch, place = np.empty((2, len(visited)), np.int64)
+        for number, batch in enumerate(batches):
+            of_batch[batch], place[batch] = number, np.arange(len(batch))
+        # The samples of one batch after those of another, each in the order of the rollout.
+        in_batches = of_batch[of_visited]
+        order = in_batches.argsort(kind="stable")
+        bounds = in_batches[order].searchsorted(np.arange(1, len(batches)))
         total = 0.0
-        for batch in batches:
-            place = np.full(len(visited), -1)
-            place[batch] = np.arange(len(batch))
-            rows = place[of_visited]
-            mine = rows >= 0
-            outputs = self.actor(self.see(visited[batch]))[self.tensor(rows[mine])]
+        for batch, mine in zip(batches, np.split(order, bounds), strict=True):
+            rows = place[of_visited[mine]]
+            outputs = self.actor(self.see(visited[batch]))[self.tensor(rows)]
             chosen = [self.tensor(each[mine]) for each in samples[1:]]
             losses = policy_loss(self.settings, outputs, *chosen)
             loss = losses.sum() / len(samples.states)

@@ -35,6 +35,7 @@ from torch.nn import functional
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
@@ -91,10 +92,7 @@ class Method(Learner):
         self.states, self.actions, after = states[order], actions[order], after[order]
         numbers = np.arange(len(arrays.labyrinths) + 1)
         self.bounds = arrays.labyrinth[self.states].searchsorted(numbers)
-        seen = self.look(np.arange(len(arrays.labyrinth)))
-        self.colours = self.moving_colours(seen)
-        slots = zip(seen, self.colours[arrays.labyrinth].tolist(), strict=True)
-        self.cells = np.array([each.cell_of(colour, *self.size) for each, colour in slots])
+        self.colours, self.cells = self.moving(problem.demonstrations)
         there, here = (np.divmod(self.cells[each], self.size[1]) for each in (after, self.states))
         moves = np.stack(there, axis=1) - np.stack(here, axis=1)
         known = np.array([*AROUND, (0, 0)])
@@ -129,15 +127,27 @@ class Method(Learner):
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
 
-    def moving_colours(self, slots: list[Slots]) -> NDArray[np.int64]:
-        """Return the colour that moves in each labyrinth, read from its demonstration."""
-        shown, colours = self.problem.demonstrations, []
-        for labyrinth in range(len(self.problem.arrays.labyrinths)):
-            there = self.problem.arrays.labyrinth[shown.states] == labyrinth
-            pairs = np.stack([shown.states[there], shown.next_states[there]], axis=1).tolist()
-            moved = (moving_colour([slots[each] for each in pair], *self.size) for pair in pairs)
+    def moving(self, shown: Steps) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the colour that moves in each labyrinth, and its cell in each state.
+
+        The colour is read from the labyrinth's demonstration. The pictures of one labyrinth are
+        drawn at a time, since slots take 10 kB per state.
+        """
+        labyrinth = self.problem.arrays.labyrinth
+        numbers = np.arange(len(self.problem.arrays.labyrinths) + 1)
+        order = labyrinth[shown.states].argsort(kind="stable")
+        pairs = np.stack([shown.states[order], shown.next_states[order]], axis=1)
+        steps = labyrinth[pairs[:, 0]].searchsorted(numbers)
+        states = labyrinth.searchsorted(numbers)
+        colours, cells = [], []
+        for number in numbers[:-1]:
+            first, end = states[number : number + 2]
+            seen = self.look(np.arange(first, end))
+            own = pairs[steps[number] : steps[number + 1]] - first
+            moved = (moving_colour([seen[each] for each in pair], *self.size) for pair in own)
             colours.append(next(colour for colour in moved if colour is not None))
-        return np.array(colours)
+            cells += [each.cell_of(colours[-1], *self.size) for each in seen]
+        return np.array(colours), np.array(cells)
 
     def look(self, states: NDArray[np.int64]) -> list[Slots]:
         """Return the slots of the pictures of states."""

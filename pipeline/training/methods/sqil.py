@@ -92,12 +92,13 @@ class Method(Learner):
     def update(self) -> float:
         """Take a gradient step and return the loss."""
         settings, rng = self.settings, self.problem.rng
-        demonstrated = np.stack(self.problem.demonstrations, axis=1)
-        half = settings.batch_size // 2
-        batch = np.concatenate(
-            [steps[rng.integers(len(steps), size=half)] for steps in (demonstrated, self.own)]
+        shown, half = self.problem.demonstrations, settings.batch_size // 2
+        demonstrated = rng.integers(len(shown.states), size=half)
+        own = self.own[rng.integers(len(self.own), size=half)].T
+        states, actions, after = (
+            np.concatenate([theirs[demonstrated], ours])
+            for theirs, ours in zip(shown, own, strict=True)
         )
-        states, actions, after = batch.T
         rewards = np.repeat([1.0, 0.0], half)
         targets = self.tensor(rewards + settings.gamma * self.values[after]).float()
         q = self.policy(self.see(states)).gather(1, self.tensor(actions)[:, None])[:, 0]

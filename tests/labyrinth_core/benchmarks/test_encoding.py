@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import copy
 from collections import OrderedDict
 from fractions import Fraction
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
 
 from labyrinth_core.benchmarks import encode
 from labyrinth_core.benchmarks.encoding import leaves
+from labyrinth_core.benchmarks.tape import Tape
 
 OBJECTS = np.array([["a", [1]], ["b", {2: None}]], object)
 PAIRS = np.array([(1, 2.0)], [("a", "i4"), ("b", "f8")])
@@ -69,3 +73,44 @@ def test_the_parts_of_a_value_are_named_and_shown():
     assert found["observation['image']"].startswith("uint8 array of 4 x 5, digest ")
     assert found["observation['at'][1]"] == "[2.5]"
     assert found["observation['text']"].startswith("'" + "x" * 59 + "... digest ")
+
+
+FLOATS = np.array([-0.0, 1.5, np.nan, -np.nan])
+OBSERVATIONS = [
+    *(FLOATS.astype(kind) for kind in ("f2", "f4", ">f4", "f8", "c16")),
+    *(FLOATS[:3], FLOATS[::2], np.ones(4), np.ones((2, 2)), FLOATS.reshape(2, 2).T),
+    *(np.zeros((0, 3)), np.array(-0.0), np.arange(4), np.arange(4, dtype="u1"), FLOATS > 1),
+    *(OBJECTS, PAIRS, np.array(["a"]), "text", 3, None, {"a": FLOATS}, (FLOATS, 1)),
+]
+REWARDS = [1.0, 1, 0.0, -0.0, True, None, np.float32(1), np.float64(1), float("nan"), np.array(1.0)]
+STEPS = st.tuples(
+    st.integers(0, 3),
+    st.sampled_from(OBSERVATIONS),
+    st.sampled_from(REWARDS),
+    st.sampled_from([False, True, np.False_, 0, 1]),
+    st.sampled_from([False, True]),
+)
+
+
+@example(OBSERVATIONS[0], [(1, OBSERVATIONS[0], None, False, False)])
+@example(OBSERVATIONS[0], [(1, OBSERVATIONS[0], reward, False, False) for reward in (1.0, 1, 1.0)])
+@given(st.sampled_from(OBSERVATIONS), st.lists(STEPS, max_size=9))
+def test_a_tape_has_the_bytes_of_everything_though_it_is_overwritten_afterwards(first, steps):
+    tape, expected, starts, arrays = Tape(), [], [], []
+    for kind, observation, *rest in [(0, first), *steps]:
+        seen = copy.deepcopy(observation)
+        if kind == 0:
+            starts.append(encode(observation))
+            tape.begin(seen)
+        else:
+            tape.step((seen, *rest))
+        expected.append(encode(observation if kind == 0 else (observation, *rest)))
+        if isinstance(seen, np.ndarray) and seen.dtype.kind in "biuf":
+            arrays += [seen.copy()]
+            seen[...] = 7
+    stacked = tape.end()
+    assert tape.all() == b"".join(expected)
+    assert tape.first() == starts
+    alike = [each for array in stacked for each in array]
+    assert all(map(np.array_equal, alike, arrays, [True] * len(arrays)))
+    assert len(alike) == len(arrays)

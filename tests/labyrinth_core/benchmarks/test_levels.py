@@ -32,6 +32,21 @@ def test_good_turing_and_chao1_are_those_computed_by_hand(digests, seen, coverag
     assert levels.coverage == pytest.approx(coverage)
 
 
+def test_the_interval_of_chao1_covers_equally_likely_levels_and_narrows_as_they_repeat():
+    rng = np.random.default_rng(0)
+    widths = []
+    for number in (1_000, 10_000, 100_000):
+        drawn = [Levels.of("state", rng.integers(number, size=1_000)) for _ in range(200)]
+        intervals = [each.interval for each in drawn if each.once < each.seeds]
+        covered = sum(low <= number <= high for low, high in intervals) / len(intervals)
+        assert 0.9 <= covered <= 1
+        assert np.mean([each.at_least for each in drawn]) == pytest.approx(number, rel=0.15)
+        widths.append(np.median([high / low for low, high in intervals]))
+    assert widths == sorted(widths)
+    assert Levels("state", 1000, 922, 852, 63).interval == (5213, 8399)
+    assert "at least 48 (Chao1)" in str(Levels("state", 1000, 48, 0, 0))
+
+
 def test_levels_of_which_none_was_seen_twice_promise_no_number():
     assert (
         str(Levels.of("state", array([1, 2, 3])))

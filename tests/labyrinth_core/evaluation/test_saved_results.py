@@ -15,6 +15,7 @@ from labyrinths_of_datasets import CONFIGS
 from policies import Rounds
 from submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 
+from labyrinth_core import memorised
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
@@ -75,6 +76,50 @@ def refused(read, content, known, why):
 
 # What is believed.
 
+
+@pytest.fixture(scope="module")
+def receipt(small_dataset):
+    policy = forgetful(3, 3)
+    return memorised(policy, small_dataset.data_dir, "3x3", observation="vector", controls=10)
+
+
+def test_a_receipt_is_saved_and_read_as_it_was(results, receipt, known, read):
+    with_receipt = replace(results, memorised=receipt)
+    content = json.loads(with_receipt.to_text(Description("mine")))
+    assert "memorised" not in content_of(results)
+    assert read(content, known).memorised == receipt
+    assert len(receipt.copies) > 1
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "why"),
+    [
+        ("p", 0.04, "it.memorised: p=0.04 is no rank among 10"),
+        ("p", 0.0, "it.memorised: p=0.0 is no rank among 10"),
+        ("excess", 90.0, "it.memorised: its figures contradict one another"),
+        ("own_way.without_twin", 10**6, "it.memorised: its figures contradict one another"),
+        ("split", "train", "it.memorised.split is 'train', not .*"),
+        ("split", "validation", "it.memorised.split is validation, which has no results"),
+        ("drawn", 1, "it.memorised.drawn is 1, not .*"),
+        ("copies.0.labyrinth", "<b>", r"it.memorised.copies\[0\].labyrinth is '<b>', not .*"),
+        ("copies.0.did", [1], r"it.memorised.copies\[0\].did is \[1\], not a list of 4"),
+        ("copies.0.agent", 9, r"it.memorised: a copy is in cell 9 of 9"),
+        ("copies.0.passages", [[0, 99]], r"it.memorised: a copy is in cell 99 of 9"),
+        ("everywhere", 1, "it.memorised.everywhere is 1, not one of .*"),
+        ("own_way", None, "it.memorised.own_way is None, not .*"),
+    ],
+)
+def test_a_receipt_that_cannot_be_is_refused_in_one_line(results, receipt, read, place, value, why):
+    content = json.loads(replace(results, memorised=receipt).to_text(Description("mine")))
+    *way, last = (int(key) if key.isdigit() else key for key in place.split("."))
+    if value == "validation":
+        del content["splits"]["validation"]
+        for figures in content["baselines"].values():
+            del figures["validation"]
+    reduce(getitem, way, content["memorised"])[last] = value
+    refused(read, content, None, why)
+
+
 ABOUT = {
     "name": "mine",
     "author": "me",
@@ -121,7 +166,7 @@ def test_a_run_that_learnt_from_some_labyrinths_is_judged_on_the_first_ones(resu
 def test_a_labyrinth_that_a_split_holds_twice_is_one_in_the_results(build, tmp_path, read):
     build(tmp_path, labyrinths=32, shifts=["one_wall"])
     known = KnownDataset.read(str(tmp_path), "3x3")
-    held = sum(shard.labyrinths for shard in known.manifest.of("one_wall"))
+    held = sum(shard.labyrinths for shard in known.data.manifest.of("one_wall"))
     content = content_of(results_of(tmp_path, "3x3", forgetful(3, 3), splits=["one_wall"]))
     assert len(read(content, known).splits["one_wall"].distance) == held - 1
 

@@ -16,6 +16,7 @@ from labyrinth_core.world.dynamics import initial
 from labyrinth_core.world.labyrinth import (
     MAX_SIDE,
     MIN_SIDE,
+    TILES,
     Labyrinth,
     Structure,
     Task,
@@ -119,7 +120,8 @@ def test_an_error_knows_place_line_and_what_was_expected():
     error = mistake(TINY.replace("| S ", "| s "), file="mine.labyrinth")
     assert (error.file, error.line, error.column) == ("mine.labyrinth", 9, 3)
     assert (error.message, error.source_line) == ("in a line of cells", "| s     |")
-    assert (error.expected, error.found) == ("S, E, K, D, I or a blank", "'s'")
+    letters = ", ".join(["S", "E", *(tile.letter for tile in TILES)])
+    assert (error.expected, error.found) == (f"{letters} or a blank", "'s'")
     assert str(pickle.loads(pickle.dumps(error))) == str(error)
 
 

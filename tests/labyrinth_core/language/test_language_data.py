@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.language.text import SETTINGS, LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.world.labyrinth import TILES
 
 DATA = Path(__file__).parents[2] / "data"
 DOCUMENTATION = (DATA.parent.parent / "docs" / "language.md").read_text(encoding="utf-8")
@@ -19,6 +20,12 @@ INVALID = sorted(DATA.glob("invalid/*.labyrinth"))
 
 def name(path: Path) -> str:
     return path.stem
+
+
+def expected(path: Path) -> str:
+    """Return the message in a file, with the settings and the letters that there are filled in."""
+    message = path.read_text(encoding="utf-8").replace("{settings}", ", ".join(SETTINGS))
+    return message.replace("{letters}", ", ".join(tile.letter for tile in TILES))
 
 
 @pytest.mark.parametrize("path", VALID, ids=name)
@@ -34,7 +41,7 @@ def test_an_invalid_file_has_this_message(path):
     with pytest.raises(LabyrinthSyntaxError) as caught:
         load(path)
     message = str(caught.value).replace(str(path), path.name)
-    assert f"{message}\n" == path.with_suffix(".error").read_text(encoding="utf-8")
+    assert f"{message}\n" == expected(path.with_suffix(".error"))
 
 
 def test_each_expectation_belongs_to_a_case():
@@ -48,8 +55,7 @@ def test_the_messages_in_the_documentation_are_those_of_the_cases():
     shown = re.findall(r"```\n(\w+)\.labyrinth:(.*?)```\n", DOCUMENTATION, re.DOTALL)
     assert shown
     for case, message in shown:
-        expected = (DATA / "invalid" / f"{case}.error").read_text(encoding="utf-8")
-        assert f"{case}.labyrinth:{message}" == expected
+        assert f"{case}.labyrinth:{message}" == expected(DATA / "invalid" / f"{case}.error")
 
 
 def test_the_example_in_the_documentation_is_the_first_figure():

@@ -192,14 +192,18 @@ def test_every_tile_is_in_the_middle_of_its_cell(labyrinth, data):
     picture = render(labyrinth, state, style=style)
     agent = divmod(state.agent, structure.width)
     seen = seen_in(labyrinth, state)
+    grounds = {
+        labyrinth.position(cell): getattr(style, name)
+        for name in labyrinth.task.rules.grounds
+        for cell in getattr(labyrinth, name)
+    }
     for place in world.places():
         shown = style.floor if place in seen else style.hidden
         if place == world.key and not state.has_key:
             shown = style.key
         if place == world.door and not state.door_open:
             shown = style.door
-        if place in world.ice:
-            shown = style.ice
+        shown = grounds.get(place, shown)
         if place == world.start:
             shown = style.start
         if place == world.goal:

@@ -20,8 +20,13 @@ def expected(labyrinth, state):
     hides = labyrinth.task is Task.PARTIAL_OBSERVABILITY
     seen = {place for place in world.places() if not hides or sees(passages, agent, place)}
     grid = np.ones((2 * world.height - 1, 2 * world.width - 1), int)
+    grounds = {
+        labyrinth.position(cell): entry
+        for entry, name in enumerate(labyrinth.task.rules.grounds, start=2)
+        for cell in getattr(labyrinth, name)
+    }
     for row, column in seen | {world.start, world.goal}:
-        grid[2 * row, 2 * column] = 2 if (row, column) in world.ice else 0
+        grid[2 * row, 2 * column] = grounds.get((row, column), 0)
     for one, other in passages:
         if {one, other} & seen:
             grid[one[0] + other[0], one[1] + other[1]] = 0

@@ -21,6 +21,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
+from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.options import source_of
 from pipeline.evaluation import evaluate as stage
@@ -103,6 +104,19 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
     unsaid = dict.fromkeys(("author", "url", "date", "budget"), "")
     assert content["method"] == unsaid | {"name": f"strange:{name}", "details": {}}
+
+
+def test_a_receipt_is_written_only_if_it_is_asked_for(run_of, folder, capsys):
+    stage.run(run_of("strange:right", memorised=10))
+    path = folder / "runs" / "3x3" / "strange-right" / "results.json"
+    content = json.loads(path.read_text(encoding="utf-8"))
+    assert content["memorised"]["drawn"] == 10
+    assert "Does the policy follow its own train? test, 10 controls" in capsys.readouterr().out
+    assert Results.load(path).memorised.p == content["memorised"]["p"]
+    stage.run(run_of("strange:right"))
+    assert Results.load(path).memorised is None
+    stage.run(run_of("strange:right", memorised=10, splits=("train", "validation")))
+    assert Results.load(path).memorised.split == "validation"
 
 
 @pytest.mark.slow
@@ -191,6 +205,11 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
         ({"policy": "a:b", "episodes": 0}, "evaluation.episodes=0: give a whole number"),
         ({"policy": "a:b", "image_size": 601}, "evaluation.image_size=601: give a whole number fr"),
         ({"policy": "a:b", "url": "a.org"}, "evaluation.url=a.org: give an address such as"),
+        (
+            {"policy": "a:b", "memorised": 10, "splits": ("s0", "train")},
+            "evaluation.memorised=10: give test or validation in evaluation.splits",
+        ),
+        ({"policy": "a:b", "memorised": 9}, "evaluation.memorised=9: give a whole number from 10"),
         ({"policy": "", "episodes": 3}, "evaluation.episodes is for policy=...: a trained run is"),
         ({"policy": "", "observation": "text"}, "observation=text is only for policy=...: give im"),
     ],
@@ -198,6 +217,15 @@ def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, poli
 def test_impossible_options_are_refused_in_one_line(run_of, options, message):
     with pytest.raises(ConfigError, match=rf"\A{message}"):
         run_of(**options)
+
+
+def test_a_dataset_in_which_no_train_could_be_another_has_no_receipt(make_run, folder):
+    data = folder / "apart"
+    make(data, "4x4", labyrinths=5, splits=SplitsConfig(2), random_steps=1)
+    asked = EvaluationOptions(splits=("test",), memorised=10)
+    given = {"size": "4", "labyrinths": 5, "splits": SplitsConfig(2), "stages": ["evaluate"]}
+    with pytest.raises(ConfigError, match=r"evaluation.memorised=10: splits.min_walls=2: [^\n]+$"):
+        stage.run(make_run(data, policy="strange:right", evaluation=asked, **given))
 
 
 @pytest.mark.parametrize("theirs", ["my policy", None])

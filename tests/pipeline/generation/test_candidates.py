@@ -19,7 +19,7 @@ from tampering import content_of, cut_short
 from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import draw_labyrinths, own_labyrinth
+from labyrinth_core.data.drawing import Drawing, draw_labyrinths
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.world.labyrinth import Structure
@@ -72,7 +72,7 @@ def test_labyrinths_can_be_drawn_without_a_build(
     for split in SAMPLED_SPLITS:
         structures = unpack(config, taken[split])
         assert list(islice(draw_labyrinths(config, split), config.labyrinths)) == [
-            own_labyrinth(config, split, each) for each in structures
+            Drawing(config).labyrinth(split, each) for each in structures
         ]
 
 

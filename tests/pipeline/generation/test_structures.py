@@ -21,7 +21,7 @@ from making import Run
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import item_rng
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.buckets import BUCKETS, split_of
 from labyrinth_core.world.labyrinth import Structure
@@ -240,7 +240,7 @@ def test_no_two_structures_share_their_randomness(
     config = config_of(size="4", labyrinths=20)
     structures = structures_of(config)["train"]
     draws = [
-        item_rng(config, split, structure).integers(2**62)
+        Drawing(config).rng(split, structure).integers(2**62)
         for split in BASE_SPLITS
         for structure in structures
     ]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from threading import Event
+
 import pytest
 from rich.progress import Progress
 
@@ -20,19 +22,35 @@ def test_a_bar_fills_by_the_amounts_of_finished_items(monkeypatch: pytest.Monkey
 def test_a_log_without_a_terminal_gets_a_line_a_minute(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    now = 0.0
-    monkeypatch.setattr(
-        console, "progress", lambda **_: Progress(disable=True, get_time=lambda: now)
-    )
-    for _ in console.tracked(((10, None) for _ in range(10)), "build", 100):
-        now += 25
-    lines = capsys.readouterr().out.splitlines()
-    assert lines == [
-        "build: 30 of 100, 0:02:55 left",
-        "build: 60 of 100, 0:01:40 left",
-        "build: 90 of 100, 0:00:25 left",
+    now, minutes = 0.0, [False, False, True]
+
+    class Minutes(Event):
+        """A minute is over at once, and the third wait is the end."""
+
+        def wait(self, timeout: float | None = None) -> bool:
+            nonlocal now
+            now += timeout or 0
+            return minutes.pop(0)
+
+    monkeypatch.setattr(console, "Event", Minutes)
+    bars = Progress(disable=True, get_time=lambda: now)
+    bar = bars.add_task("loss 0.5, best SR 48%", total=100)
+    with console.each_minute(bars, bar, " epochs"):
+        pass
+    bars.update(bar, completed=60)
+    minutes[:] = [False, True]
+    with console.each_minute(bars, bar, " epochs"):
+        pass
+    minutes[:] = [False, True]
+    with console.each_minute(bars, bar, " epochs", lambda: 30.0):
+        pass
+    assert capsys.readouterr().out.splitlines() == [
+        *["loss 0.5, best SR 48%: 0 of 100 epochs"] * 2,
+        "loss 0.5, best SR 48%: 60 of 100 epochs, 0:02:40 left",
+        "loss 0.5, best SR 48%: 60 of 100 epochs, 0:00:20 left",
     ]
     monkeypatch.setattr(console.console, "_force_terminal", True)
-    for _ in console.tracked(((10, None) for _ in range(10)), "build", 100):
-        now += 25
-    assert "build" not in capsys.readouterr().out
+    minutes[:] = [False, True]
+    with console.each_minute(bars, bar):
+        pass
+    assert capsys.readouterr().out == ""

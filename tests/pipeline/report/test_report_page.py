@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections import defaultdict
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,8 @@ from making import Run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
 from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
+from labyrinth_core import evaluate as evaluate_policy
+from labyrinth_core import memorised
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
@@ -264,6 +267,29 @@ def test_results_of_ones_own_policy_are_shown_where_it_has_some(browser, reporte
     row = page.locator("#runs tr", has_text="<i>Mine</i>").first
     cells = row.locator("td, th").all_text_contents()
     assert [bool(cell) for cell in cells] == [True, True, False, False, True, False, False]
+    page.close()
+
+
+def test_the_copies_of_a_policy_stand_beside_their_twins(browser, reported, tmp_path):
+    data_dir = shutil.copytree(reported, tmp_path / "labyrinth")
+
+    def right(vectors: Any) -> Any:
+        return np.ones(len(vectors), np.int64)
+
+    receipt = memorised(right, data_dir, "3x3", observation="vector", controls=10)
+    results = evaluate_policy(right, data_dir, "3x3", observation="vector")
+    path = tmp_path / "runs" / "3x3" / "right" / "results.json"
+    replace(results, memorised=receipt).save(path, name="right")
+    write_report(data_dir, tmp_path / "runs")
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.goto(f"{(data_dir / 'report' / 'index.html').as_uri()}#results")
+    expect(page.locator("#runs")).to_contain_text(f"{receipt.p:.3f} of 10")
+    assert page.locator(".copies figure").count() == len(receipt.copies)
+    first = page.locator(".copies figure").first
+    expect(first).to_contain_text(receipt.copies[0].train_labyrinth)
+    assert first.locator("canvas").count() == 2
+    # No copy is wider than a phone.
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.close()
 
 

@@ -15,11 +15,12 @@ from policies import Rounds
 from quick_python import python
 from submitted import content_of, forgetful, of_run, results_of
 
+from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.scores import WHY_SPL, by_labyrinth
 from pipeline.results import results as stage
-from pipeline.results.entry import Entry, boards, figures_of
+from pipeline.results.entry import Entry, boards, entries_of, figures_of
 from pipeline.results.leaderboard import MARK, leaderboard
 from pipeline.results.results import RefusedError
 
@@ -68,6 +69,22 @@ def rows(folder):
 
 def text(folder):
     return (folder / "leaderboard.md").read_text(encoding="utf-8")
+
+
+def test_receipts_have_a_column_where_a_policy_has_one(results, small_dataset):
+    plain = replace(results["planner"], method=Description("plain"))
+    policy = forgetful(3, 3)
+    receipt = memorised(policy, small_dataset.data_dir, "3x3", observation="vector", controls=10)
+    asked = replace(plain, method=Description("asked"), memorised=receipt)
+
+    def board(*shown):
+        return leaderboard(boards(entries_of(shown)))["leaderboard.md"]
+
+    column = f" {receipt.excess:+.2f} (p {receipt.p:.3f}) |"
+    rows = [line for line in board(plain, asked).splitlines() if line.endswith(column)]
+    assert [row.split("|")[1].strip() for row in rows] == ["asked †"]
+    assert "follows its own train" in board(plain, asked)
+    assert "follows its own train" not in board(plain)
 
 
 def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(

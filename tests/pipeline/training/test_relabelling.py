@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import permutations
 from pathlib import Path
 from types import ModuleType
 
@@ -17,7 +18,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.dynamics import is_terminal, transition
+from labyrinth_core.world.dynamics import Episode, is_terminal, replay, transition
 from labyrinth_core.world.labyrinth import Task
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
@@ -51,6 +52,31 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
                 assert not is_terminal(labyrinth, state)
                 assert transition(labyrinth, state, action) == episode.states[place + step]
     assert (reversed_parts > 0) == (task != "key_and_door")
+
+
+def is_episode(episode: Episode, first: int, last: int) -> bool:
+    """Return whether a part is a complete episode of the labyrinth with the part's ends."""
+    ends = [episode.states[place].agent for place in (first, last)]
+    try:
+        labyrinth = replace(episode.labyrinth, start=ends[0], goal=ends[1])
+        part = replay(labyrinth, episode.actions[first:last].tolist())
+    except ValueError:
+        return False
+    return part.states == episode.states[first : last + 1]
+
+
+@pytest.mark.parametrize("task", ["navigation", "key_and_door"])
+def test_all_parts_of_a_route_are_found_and_counted_without_being_held(
+    datasets: Path, task: str
+) -> None:
+    sampler = sampler_of(datasets, task)
+    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
+        pairs = permutations(range(len(episode) + 1), 2)
+        if task == "key_and_door":
+            pairs = (pair for pair in pairs if pair[0] < pair[1] and is_episode(episode, *pair))
+        assert [*parts] == [*pairs]
+        held = [each for each in vars(parts).values() if isinstance(each, np.ndarray)]
+        assert max(map(len, held)) <= len(episode) + 2
 
 
 @pytest.mark.parametrize("name", ["augment", "average"])

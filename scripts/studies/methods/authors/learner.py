@@ -5,6 +5,7 @@ A policy is evaluated on rows, and in episodes that are cut when they repeat sta
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,6 +41,7 @@ class AuthorsLearner(Learner):
     """A method of the authors; keeps the policy with the best accuracy on validation rows."""
 
     selected_by = "validation_accuracy"
+    """The metric by which the best policy is selected; higher is better."""
     protocol = "authors"
     visits: int | None = VISITS
     """The argument `visits` of `try_out`."""
@@ -76,6 +78,11 @@ class AuthorsLearner(Learner):
             ),
             "train_return": float(episodes.returns.mean()),
         }
+
+    @classmethod
+    def is_better(cls, figures: Mapping[str, float], best: Mapping[str, float]) -> bool:
+        """Return whether a metric is higher: of equally good policies the first is kept."""
+        return figures[cls.selected_by] > best[cls.selected_by]
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:
