@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Mapping
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.manifest import mended
 from labyrinth_core.data.storage import file_sha256, read_json
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run
@@ -94,25 +92,21 @@ def located(
         return folder
     if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
-    from labyrinth_core.data.hub import fetched
+    from labyrinth_core.data import hub
 
     names = [*names]
-    folder = fetched(str(source), revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
+    folder = hub.fetched(str(source), revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
     _require_listed(folder, names)
     return folder
 
 
 def _require_listed(folder: Path, names: Iterable[str]) -> None:
     """Raise DatasetError if a file of a policy has another hash than in the folder's list."""
-
-    def check(path: Path, hashes: list[str]) -> None:
-        if path.exists() and file_sha256(path) not in hashes:
-            again = "download it again" if path.name in PUBLISHED else "train it again"
-            raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
-
     for name in names:
-        if hashes := listed(folder / SUMS, name):
-            mended(folder / name, partial(check, folder / name, hashes))
+        path, hashes = folder / name, listed(folder / SUMS, name)
+        if hashes and path.exists() and file_sha256(path) not in hashes:
+            again = "download it again" if name in PUBLISHED else "train it again"
+            raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
 
 
 def check_size(place: object, name: str, size: int) -> None:

@@ -97,7 +97,7 @@ def stage_policy(
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
     source = training_folder(job)
-    results, made = _results(job, _known(job, commit, manifest))
+    results, made = _results(job, commit, manifest)
     _copy_weights(source, folder, made)
     policy = load_policy(source)
     write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
@@ -106,22 +106,25 @@ def stage_policy(
     write_text(folder / "README.md", _card(trained))
 
 
-def _results(job: Job[PublishStageOptions], known: KnownDataset) -> tuple[Results, TrainedRun]:
+def _results(
+    job: Job[PublishStageOptions], commit: str, manifest: Manifest
+) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and their description of the run."""
     folder = training_folder(job)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
-    results = Results.load(path, lambda _: known)
+    results = Results.load(path)
     made_by, named = results.run, (job.dataset.name, run_name(job).name, results.fingerprint)
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
         raise DatasetError(f"{path} belongs to another run: {anew}")
-    if known.fingerprint != made_by.fingerprint:
+    if manifest.fingerprint != made_by.fingerprint:
         raise PublishError(
             f"{folder} was trained on another dataset than {job.options.dataset_on_hub[0]}: their "
-            f"fingerprints are {made_by.fingerprint:.8} and {known.fingerprint:.8}"
+            f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
+    results = Results.load(path, lambda _: _known(job, commit, manifest))
     try:
         record = read_json(folder / RECORD)
         check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})

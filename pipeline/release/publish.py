@@ -18,7 +18,7 @@ from typing import Literal
 from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from labyrinth_core.data.hub import prepare_client
+from labyrinth_core.data import hub
 from pipeline.config.export import CODEBASE_VERSION
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
@@ -44,7 +44,7 @@ def run(job: Job[PublishStageOptions]) -> None:
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
-    prepare_client()
+    hub.prepare_client()
     disable_progress_bars()  # The client has one per file; we show one for all.
     options = job.options.publish
     first = options.repo_id or options.export or options.env or options.model

@@ -22,8 +22,8 @@ from typing import Any
 from huggingface_hub import get_token
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.hub import WAITS, prepare_client
 from labyrinth_core.data.rows import open_shard
 from labyrinth_core.data.storage import locked
 from labyrinth_core.policies.load import load_policy
@@ -162,7 +162,7 @@ def verify(source: str, commit: str | None, folder: Path) -> str:
     smallest = min(configs, key=lambda each: each[1]["download_size"])
     # All as a stream, of which little is downloaded, and one whole.
     for streaming, (config, info) in [(False, smallest), *((True, each) for each in configs)]:
-        for seconds in (*WAITS, None):
+        for seconds in (*hub.WAITS, None):
             try:
                 check_config(source, commit, folder, config, info, streaming=streaming)
                 break
@@ -232,7 +232,7 @@ def main() -> None:
     """Verify the release that the command line names, and exit with 0 on success, else 1."""
     repo_id, commit, folder = sys.argv[1:]
     end_with_parent(os.getppid())
-    prepare_client()
+    hub.prepare_client()
     status = 0
     try:
         _tell(verify(repo_id, commit, Path(folder)))

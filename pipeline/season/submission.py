@@ -144,12 +144,12 @@ def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
         raise DatasetError(f"{source} is neither a folder, a file, nor an id such as user/model")
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
+    from labyrinth_core.data import hub
 
-    prepare_client()
+    hub.prepare_client()
     try:
         found = HfApi().model_info(source, revision=revision)
-    except UNAVAILABLE as error:
+    except hub.UNAVAILABLE as error:
         reason = f"{source} is not a folder, and cannot be loaded from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     return str(found.sha), _kind(source, {each.rfilename for each in found.siblings or ()})
