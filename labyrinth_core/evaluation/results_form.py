@@ -47,7 +47,7 @@ from labyrinth_core.evaluation.schema import (
 )
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.pictures.observations import OBSERVATIONS
+from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.world.labyrinth import Task
 
 KIND = "labyrinth-results"
@@ -86,7 +86,7 @@ INTERVALS = {"sr_interval": "sr", "aer_interval": "aer"}
 version, which resampled."""
 
 EVALUATED = {
-    "observation": Text("|".join(OBSERVATIONS)),
+    "observation": Text("|".join(["image", *KINDS])),
     "image_size": Maybe(_COUNTED),
     "way": Text("look-ups|steps"),
     "episodes": _COUNTED,

@@ -131,9 +131,10 @@ NEEDS = ("matplotlib", "safetensors", "torch")
 
 def check_observation(name: str) -> None:
     """Raise a ConfigError if the library has no such observation."""
-    from labyrinth_core.pictures.observations import OBSERVATIONS
+    from labyrinth_core.pictures.observations import KINDS
 
-    check(name in OBSERVATIONS, f"observation={name}: choose one of {listed(OBSERVATIONS)}")
+    known = ("image", *KINDS)
+    check(name in known, f"observation={name}: choose one of {listed(known)}")
 
 
 def check_training(options: TrainingOptions) -> None:

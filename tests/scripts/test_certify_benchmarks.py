@@ -94,6 +94,24 @@ def test_a_row_has_the_figures_of_a_certificate_and_a_refused_measure_has_no_sha
     assert cells[report.HEADING.index("at least")] == f"{kept['levels']['at_least']:,}"
 
 
+def test_published_seeds_are_in_a_table_of_their_own() -> None:
+    published, own = report.published(), report.certified()
+    row = "| VAGEN-FrozenLake | 10,000 | 256 | 9,469 | 13.8 | 86,276 | 32 | 12.5 [9.0, 17.1] |"
+    assert row in published.splitlines()
+    assert "VAGEN" not in own
+    assert "| OpenEnv-Maze | 1 | 100 | 1 |" in own
+    for each in study.benchmarks():
+        if each.environment.startswith((study.GENERATED, study.ELSEWHERE)):
+            assert gymnasium.spec(each.name)
+
+
+def test_procgen_has_a_row_for_each_game_and_view() -> None:
+    rows = report.procgen().splitlines()
+    assert len(rows) == 2 + 16
+    assert rows[2] == "| maze | 3.0 [1.8, 4.9] | 1.8 [0.9, 3.4] |"
+    assert len(report.procgen_views().splitlines()) == 2 + 4
+
+
 def test_the_page_and_the_readme_lead_with_the_number_of_a_certificate() -> None:
     kept = read_json(study.KEPT / "MiniGrid-LavaCrossingS9N2-v0.json")
     share = round(100 * kept["measures"]["state"]["share"])
