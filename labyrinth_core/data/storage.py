@@ -111,26 +111,33 @@ class RemotePath:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise OSError(number, reason, self.url) from error
 
-    def exists(self) -> bool:
-        return bool(self._ask(lambda store, path: store.exists(path)))
+    def _kind(self, *, anew: bool = False) -> str | None:
+        """Return `file` or `directory`, or None if nothing is there.
 
-    def is_dir(self) -> bool:
-        """Return whether a folder is there, by a new listing, not one that the client keeps.
+        The store's own `exists`, `isfile` and `isdir` may take any error for no.
 
-        The store's own `isdir` takes any error for no.
+        Args:
+            anew: Whether to ask for a new listing of a store that keeps some.
         """
 
-        def asked(store: Any, path: str) -> bool:
-            store.invalidate_cache()
-            return bool(store.info(path)["type"] == "directory")
+        def asked(store: Any, path: str) -> str:
+            if anew:
+                store.invalidate_cache()
+            return str(store.info(path)["type"])
 
         try:
-            return bool(self._ask(asked))
+            return cast("str", self._ask(asked))
         except FileNotFoundError:
-            return False
+            return None
+
+    def exists(self) -> bool:
+        return self._kind() is not None
+
+    def is_dir(self) -> bool:
+        return self._kind(anew=True) == "directory"
 
     def is_file(self) -> bool:
-        return bool(self._ask(lambda store, path: store.isfile(path)))
+        return self._kind() == "file"
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
         """Yield the paths that match `pattern`; this folder's own path is taken literally."""
