@@ -46,6 +46,8 @@ ROOMS = {
     "labyrinth_core.benchmarks": of_library("language", "data"),
     # The command needs data to write files as all are written.
     "labyrinth_core.command": of_library("world", "language", "pictures", "data"),
+    # What a person checks their own policy or method with.
+    "labyrinth_core.testing": of_library("world", "evaluation", "learning"),
     "labyrinth_core": ("labyrinth_core",),
     "pipeline.config": ("labyrinth_core",),
     "pipeline.machinery": ("labyrinth_core", "pipeline.config"),
@@ -116,7 +118,6 @@ HOMES = {
         "labyrinth_core.data",
         "labyrinth_core.policies",
         "pipeline.release",
-        "pipeline.season.submission",
     ),
     "PIL": (
         "labyrinth_core.env",
@@ -138,7 +139,7 @@ HOMES = {
         "pipeline.training",
         "pipeline.season.submission",
     ),
-    "onnxruntime": ("pipeline.season.graph_process",),
+    "onnxruntime": ("labyrinth_core.policies.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),
     "gymnasium": (
         "labyrinth_core.env",

@@ -154,6 +154,13 @@ RUN = {
 }
 """The shape of a `TrainedRun`."""
 
+ORIGIN = {
+    "source": Text(r"(?s).{1,300}"),
+    "commit": Maybe(Text(r"[0-9a-f]{40}")),
+    "files": Named(_WORD, _HASH),
+}
+"""The shape of an `Origin`."""
+
 JUDGEMENT = {
     "season": _WORD,
     "secret_sha256": _HASH,
@@ -282,6 +289,8 @@ def rules_of(content: Any) -> Rules:
                 raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
     if "judged" in content:
         check_shape(content["judged"], JUDGEMENT, "it.judged")
+    if "policy" in content:
+        check_shape(content["policy"], ORIGIN, "it.policy")
     config, episodes = content["dataset"]["config"], evaluated["episodes"]
     size, _, task = config.partition("-")
     height, width = parse_size(size)

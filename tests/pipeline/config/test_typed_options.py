@@ -125,7 +125,7 @@ def refused(argument: str) -> str:
     ("name", "advice"),
     [
         ("sise", "did you mean size?"),
-        ("results.replay", "did you mean results_dir?"),
+        ("results.replai", "did you mean results.replay?"),
         ("episodes", "did you mean evaluation.episodes?"),
         ("epochs", "did you mean method.epochs?"),
         ("evaluation.name.x", "did you mean evaluation.name?"),

@@ -41,7 +41,7 @@ import torch
 from policies import Remembering
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.evaluation.description import Description
-from pipeline.evaluation.named import named_policy
+from pipeline.evaluation.named import opened
 
 torch.set_num_threads(1)
 blocks, data_dir, model = json.loads(sys.argv[1]), *sys.argv[2:]
@@ -52,8 +52,8 @@ asked = {
     "function": lambda observations: loaded(observations),
     "module": loaded.network,
     "steps": Remembering(loaded),
-    "id": named_policy(model),
-    "id and revision": named_policy(model + "@1.0.0"),
+    "id": opened(model),
+    "id and revision": opened(model + "@1.0.0"),
 }
 some = ["test", "s0_and_g"]
 figures = {name: evaluate(each, data_dir, "3x3", splits=some) for name, each in asked.items()}

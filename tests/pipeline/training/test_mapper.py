@@ -234,9 +234,11 @@ def counted(player: Player) -> tuple[Player, list[int]]:
     """Return a player, and how many pictures it was shown each time that it was asked."""
     asked: list[int] = []
 
-    def act(pictures: Any) -> Any:
+    act_in: Any = player.act
+
+    def act(pictures: Any, episodes: Any = None) -> Any:
         asked.append(len(pictures))
-        return player.act(pictures)
+        return act_in(pictures, episodes=episodes)
 
     return replace(player, act=act), asked
 
