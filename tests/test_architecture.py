@@ -153,7 +153,8 @@ HOMES = {
     # Nothing that makes or loads a dataset knows the time, so that no clock can mislead it.
     "time": (
         "pipeline.training.loop",  # How long a run took.
-        "pipeline.release",  # To wait and try again.
+        "labyrinth_core.data.hub",  # To wait and try again.
+        "pipeline.release",
     ),
     "datetime": ("pipeline.machinery.console",),  # To write down the time left.
 }
@@ -161,7 +162,7 @@ HOMES = {
 
 AT_ONCE_IN_THE_LIBRARY = {
     "labyrinth_core": ("numpy",),
-    "labyrinth_core.data.hub": ("numpy", "huggingface_hub"),
+    "labyrinth_core.data.hub": ("numpy", "huggingface_hub", "time"),
     "labyrinth_core.env": ("numpy", "gymnasium"),
     "labyrinth_core.env.window": ("numpy", "pygame"),
     "labyrinth_core.policies.networks": ("numpy", "torch"),

@@ -15,8 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
@@ -168,12 +168,12 @@ def _on_hub(source: str, revision: str | None) -> PolicyFiles:
         raise DatasetError(f"{source} is {allowed}")
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
+    from labyrinth_core.data import hub
 
-    prepare_client()
+    hub.prepare_client()
     try:
         found = HfApi().model_info(source, revision=revision)
-    except UNAVAILABLE as error:
+    except hub.UNAVAILABLE as error:
         reason = f"{source} is not a folder, and cannot be loaded from the Hub"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     commit = str(found.sha)

@@ -17,6 +17,8 @@ from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 
 FORMAT = 1
+SUMS = "SHA256SUMS"
+"""The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
 _CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
 _LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
@@ -45,8 +47,8 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     path, weights = folder / RECORD, folder / POLICY
     again = "stages=train overwrite=true makes it again"
     try:
-        listed = _listed(folder / "SHA256SUMS", RECORD)
-        if listed and file_sha256(path) not in listed:
+        expected = listed(folder / SUMS, RECORD)
+        if expected and file_sha256(path) not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
         content = read_json(path)
@@ -97,7 +99,7 @@ def training_versions() -> dict[str, str]:
     return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
 
 
-def _listed(sums: Path, name: str) -> list[str]:
+def listed(sums: Path, name: str) -> list[str]:
     """Return the hashes of a file in a list of hashes, which need not exist."""
     try:
         text = sums.read_text(encoding="utf-8", errors="replace")

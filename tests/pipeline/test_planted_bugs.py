@@ -40,7 +40,7 @@ PLANTS = {
     "publish": [
         (
             ("publish.repo_id=user/labyrinth", "publish.version=1.0.0", "publish.dry_run=true"),
-            "pipeline.release.publish:write_card",
+            "pipeline.release.publish:prepared_card",
         )
     ],
     "export": [(("export=imitation",), "pipeline.export.stage:write_text")],

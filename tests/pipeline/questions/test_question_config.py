@@ -23,10 +23,9 @@ from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation import check
-from pipeline.inspection import front_matter
 from pipeline.questions import stage as questions
 from pipeline.release import card
-from pipeline.release.verify import check_config
+from pipeline.release.verify import verify
 
 pytestmark = pytest.mark.slow
 
@@ -67,8 +66,7 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
         assert rows[0]["image_300"].size == (300, 300)
         for row in rows.remove_columns(["image", "image_300"]):
             assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
-    (manifest,) = front_matter.finished(asked.data_dir)
-    check_config(str(asked.data_dir), None, manifest, asked.data_dir)
+    assert verify(str(asked.data_dir), None, asked.data_dir) == "every config loads"
     with pytest.raises(DatasetError, match=f"holds {NAME}$"):  # They have no episodes.
         load_transitions(asked.data_dir, f"{NAME}-questions", split="test")
 

@@ -37,7 +37,7 @@ from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import card
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
-from pipeline.release.files import files_of
+from pipeline.release.repository import listed as files_of
 from pipeline.release.texts import Release
 
 pytestmark = pytest.mark.slow

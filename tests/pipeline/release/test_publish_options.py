@@ -25,6 +25,7 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         (WHERE | {"repo_id": "user/a/b"}, {}, "publish.repo_id=user/a/b: give the id"),
         (WHERE | {"version": ""}, {}, "publish.version=: give three numbers, such as 1.0.0"),
         (WHERE | {"version": "v1"}, {}, "publish.version=v1: give three numbers"),
+        (WHERE | {"version": "01.0.0"}, {}, "publish.version=01.0.0: give three numbers"),
         (MODEL | {"model": "planner"}, {}, "publish.model=planner: give the id of a model on the"),
         (MODEL, {}, "dataset=: give the id on the Hub of the dataset that the policy or the"),
         *(
