@@ -94,10 +94,8 @@ def test_the_questions_are_validated(copied, capsys):
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
         check.run(copied)
     manifest = Manifest.read(folder, companion="questions")
-    shards = [
-        replace(shard, sha256=file_sha256(folder / TEST)) if shard.path == TEST else shard
-        for shard in manifest.shards
-    ]
+    now = {"sha256": file_sha256(folder / TEST), "bytes": (folder / TEST).stat().st_size}
+    shards = [replace(shard, **now) if shard.path == TEST else shard for shard in manifest.shards]
     replace(manifest, shards=tuple(shards)).write(folder)
     with pytest.raises(DatasetError) as error:
         check.run(copied)
