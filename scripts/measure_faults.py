@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[1]
-sys.path[:0] = [str(ROOT / "tests"), str(ROOT / "tests" / "support"), str(ROOT)]
+sys.path[:0] = [str(ROOT / "tests"), str(ROOT)]
 
 from hub.faults import UNLIMITED  # noqa: E402
 from hub.local_hub import SETTINGS, LocalHub  # noqa: E402
@@ -100,7 +100,7 @@ class Table:
     """What becomes of loads and releases, each with a cache of its own."""
 
     def __init__(self, hub: LocalHub, place: Path) -> None:
-        from making import make
+        from support.making import make
 
         from pipeline.release.card import write_card
         from pipeline.release.texts import Release

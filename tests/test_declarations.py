@@ -16,7 +16,7 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from making import Run
+from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
 from labyrinth_core import Dataset

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 from huggingface_hub import constants, file_download
-from making import make
-from publishing import REPO
+from support.making import make
+from support.publishing import REPO
 
 from hub.local_hub import LocalHub
 from hub.state import TOKENS

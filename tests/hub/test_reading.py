@@ -9,7 +9,7 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 from huggingface_hub import constants
-from publishing import REPO
+from support.publishing import REPO
 
 from hub.conftest import CONFIG, put
 from hub.faults import UNLIMITED

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 from huggingface_hub import HfApi
-from publishing import REPO
+from support.publishing import REPO
 
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub

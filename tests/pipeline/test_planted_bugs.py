@@ -9,8 +9,8 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from composing import composed
-from policies import RELEASED
+from support.composing import composed
+from support.policies import RELEASED
 
 from pipeline.config.stages import STAGES
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import run_queue as queue
-from composing import composed
+from support.composing import composed
 
 from pipeline.training.methods.method import find
 

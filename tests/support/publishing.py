@@ -14,7 +14,8 @@ import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
 from hub.state import Exchange
-from quick_python import python
+
+from support.quick_python import python
 
 ROOT = Path(__file__).parents[2]
 REPO = "user/labyrinth"

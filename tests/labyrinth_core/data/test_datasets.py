@@ -15,7 +15,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core import (
     Dataset,

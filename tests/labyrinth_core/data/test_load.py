@@ -16,7 +16,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
-from tampering import episode_rows, put_shards
+from support.tampering import episode_rows, put_shards
 
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError

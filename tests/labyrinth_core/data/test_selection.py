@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from tampering import put_shards
+from support.tampering import put_shards
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import hub

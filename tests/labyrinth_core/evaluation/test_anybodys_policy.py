@@ -10,8 +10,8 @@ import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from labyrinths_of_datasets import CONFIGS
-from policies import Chance, Remembering, Rounds, Table, chance, mistaken
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
 from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
 from labyrinth_core.data import hub

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from policies import Chance, Remembering, Rounds, chance
+from support.policies import Chance, Remembering, Rounds, chance
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation.replanner import Replanner

@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from making import Run
 from numpy.typing import NDArray
-from policies import Chance, Remembering, Rounds, Table, chance
+from support.making import Run
+from support.policies import Chance, Remembering, Rounds, Table, chance
 
 from labyrinth_core import Dataset, PolicyError, load_arrays, load_episodes, memorised, parse
 from labyrinth_core.data.dataset_config import DatasetConfig

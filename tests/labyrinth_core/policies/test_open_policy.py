@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 
 import pytest
-from policies import lay_out_run
+from support.policies import lay_out_run
 
 from labyrinth_core import DatasetError, open_policy
 from labyrinth_core.data.storage import file_sha256

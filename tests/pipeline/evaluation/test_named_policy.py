@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, ended
-from making import make
 from PIL import Image
-from policies import RELEASED, lay_out_run
-from publishing import REPO, environment, local_hub, published
-from quick_python import python
+from support.commands import RUN, ended
+from support.making import make
+from support.policies import RELEASED, lay_out_run
+from support.publishing import REPO, environment, local_hub, published
+from support.quick_python import python
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError

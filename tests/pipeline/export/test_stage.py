@@ -17,9 +17,9 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from exporting import export, split_of
-from making import Run
-from tampering import content_of
+from support.exporting import export, split_of
+from support.making import Run
+from support.tampering import content_of
 
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 import yaml
 from hub.local_hub import LocalHub
-from publishing import (
+from support.publishing import (
     REPO,
     ROOT,
     built,

@@ -9,10 +9,20 @@ from typing import Any
 
 import pytest
 import yaml
-from exporting import export
 from hub.local_hub import LocalHub
-from making import Run, resolve
-from publishing import REPO, built, changes, error_of, held, kill_in, publish, published, run_script
+from support.exporting import export
+from support.making import Run, resolve
+from support.publishing import (
+    REPO,
+    built,
+    changes,
+    error_of,
+    held,
+    kill_in,
+    publish,
+    published,
+    run_script,
+)
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError

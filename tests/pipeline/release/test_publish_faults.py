@@ -10,7 +10,7 @@ import pytest
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
 from hub.state import ID_TOKEN
-from publishing import (
+from support.publishing import (
     REPO,
     built,
     changes,
@@ -24,7 +24,7 @@ from publishing import (
     run_python,
     run_script,
 )
-from quick_python import python
+from support.quick_python import python
 
 from pipeline.release.faults import PublishError
 from pipeline.release.verify import loaded

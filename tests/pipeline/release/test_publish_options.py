@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from making import RunConfig, resolve
-from publishing import REPO
+from support.making import RunConfig, resolve
+from support.publishing import REPO
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions

@@ -14,9 +14,18 @@ from typing import Any
 import pytest
 from hub.local_hub import LocalHub
 from huggingface_hub import ModelCard
-from making import Run
-from publishing import REPO, changes, environment, error_of, held, publish, published, run_script
-from submitted import of_few
+from support.making import Run
+from support.publishing import (
+    REPO,
+    changes,
+    environment,
+    error_of,
+    held,
+    publish,
+    published,
+    run_script,
+)
+from support.submitted import of_few
 
 from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data.errors import DatasetError
@@ -38,7 +47,7 @@ MODEL = "user/planner-3x3"
 FOUR_WAYS = """
 import json, sys
 import torch
-from policies import Remembering
+from support.policies import Remembering
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.evaluation.description import Description
 from pipeline.evaluation.named import opened
@@ -112,8 +121,8 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     assert [r.metric_value for r in data.eval_results] == figures
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
-    support = str(Path(__file__).parents[2] / "support")
-    path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], support])
+    tests = str(Path(__file__).parents[2])
+    path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], tests])
     arguments = (json.dumps(blocks), data_dir, MODEL)
     done = run_script(local_hub, FOUR_WAYS, *arguments, PYTHONPATH=path)
     results = json.loads(done.stdout.splitlines()[-1])

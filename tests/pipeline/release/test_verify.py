@@ -6,8 +6,8 @@ import tempfile
 from pathlib import Path
 
 import pytest
-from making import make
-from planting import DEFAULT
+from support.making import make
+from support.planting import DEFAULT
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import locked

@@ -10,8 +10,8 @@ from functools import reduce
 from operator import getitem
 
 import pytest
-from reporting import METHOD, analyse, evaluate, evaluate_own
-from tampering import content_of
+from support.reporting import METHOD, analyse, evaluate, evaluate_own
+from support.tampering import content_of
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.datasets import Dataset

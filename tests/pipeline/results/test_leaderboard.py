@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import RUN, ended
-from policies import Rounds
-from quick_python import python
-from submitted import content_of, forgetful, of_run, results_of
+from support.commands import RUN, ended
+from support.policies import Rounds
+from support.quick_python import python
+from support.submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description

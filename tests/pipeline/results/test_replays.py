@@ -10,9 +10,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from graphs import linear
-from policies import lay_out_run
-from submitted import forgetful, results_of
+from support.graphs import linear
+from support.policies import lay_out_run
+from support.submitted import forgetful, results_of
 
 from labyrinth_core import Dataset, evaluate, open_policy
 from labyrinth_core.evaluation.description import Description

@@ -9,7 +9,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from graphs import elsewhere, endless, linear, node, tensor
+from support.graphs import elsewhere, endless, linear, node, tensor
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.datasets import Dataset

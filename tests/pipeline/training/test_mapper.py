@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
-from making import Run
 from numpy.typing import NDArray
+from support.learning import settings_of
+from support.making import Run
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import settings_of, targets_of
+from support.learning import settings_of, targets_of
 from torch import nn
 
 from labyrinth_core.learning import learner

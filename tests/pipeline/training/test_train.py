@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import torch
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
