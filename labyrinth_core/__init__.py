@@ -35,6 +35,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
     from labyrinth_core.policies.load import load_policy as load_policy
+    from labyrinth_core.policies.opening import open_policy as open_policy
     from labyrinth_core.world.dynamics import Action as Action
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
@@ -66,6 +67,7 @@ _HOMES = {
     "load_policy": "policies.load",
     "load_transitions": "data.load",
     "memorised": "evaluation.memorised",
+    "open_policy": "policies.opening",
     "optimal_actions": "world.solver",
     "parse": "language.text",
     "question": "evaluation.questions",

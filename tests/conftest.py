@@ -16,7 +16,7 @@ from typing import Any
 
 import pytest
 from hypothesis import HealthCheck, settings
-from making import Run, build_dataset, run_of
+from support.making import Run, build_dataset, run_of
 
 from labyrinth_core.world.labyrinth import Task
 

@@ -16,16 +16,17 @@ from pathlib import Path
 import gymnasium
 import numpy as np
 import pytest
-from making import Run
+from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
 from labyrinth_core import Dataset
 from labyrinth_core.data.format import COLUMNS, NUMBERS, OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.env.observation import PLAYED
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
-from labyrinth_core.pictures.observations import KINDS, PLAYED
+from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Style
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import TILES, Labyrinth, Look, Task

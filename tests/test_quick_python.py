@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from quick_python import python
+from support.quick_python import python
 
 pytestmark = pytest.mark.slow
 

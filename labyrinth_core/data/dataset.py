@@ -6,22 +6,20 @@ The table of labyrinths is the index: it gives the rows of each labyrinth.
 from __future__ import annotations
 
 import hashlib
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from posixpath import normpath
 from typing import TYPE_CHECKING, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import CONFIG_NAME, DatasetConfig
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import WholeEpisodes, grouped
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import GROUP_BYTES
+from labyrinth_core.data.location import download, explained, local_folder
 from labyrinth_core.data.manifest import (
     MANIFEST,
     TABLE,
@@ -34,13 +32,11 @@ from labyrinth_core.data.manifest import (
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
 from labyrinth_core.data.selection import Spans, Step, ends_of, select
-from labyrinth_core.data.storage import AnyPath, RemotePath, folder_at
+from labyrinth_core.data.storage import AnyPath, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
-
-HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 
 FULL = GROUP_BYTES // 4
 """A row group of fewer bytes ends with an episode; see `GROUP_BYTES`."""
@@ -214,13 +210,21 @@ class Source:
 
     def __init__(self, source: str | Path, config: str, revision: str | None = None) -> None:
         self.source, self.config, self.revision = source, config, revision
-        self._commit = revision
-        self._snapshot: Path | None = None
 
     @cached_property
     def local(self) -> AnyPath | None:
         """The folder of the dataset, which may be remote; None for an id on the Hub."""
         return local_folder(self.source, self.config, self.revision)
+
+    @cached_property
+    def commit(self) -> str | None:
+        """The commit on the Hub from which everything is read; None for a folder."""
+        if self.local is not None:
+            return None
+        from labyrinth_core.data.hub import commit_of
+
+        with explained(str(self.source), self.revision):
+            return commit_of(str(self.source), "dataset", self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
         """Return the folder with the manifest and the files that match names or patterns.
@@ -230,15 +234,15 @@ class Source:
         Raises:
             DatasetError: The folder does not exist, or the Hub cannot provide it.
         """
-        if self.local is not None:
+        if self.commit is None:
+            assert self.local is not None
             return self.local
-        self._snapshot = _download(str(self.source), self.config, files, self._commit)
-        return self._snapshot
+        return download(str(self.source), self.config, [*files], self.commit)
 
     @cached_property
     def manifest(self) -> Manifest:
         """The manifest, which is read once."""
-        return Manifest.read(self._snapshot or self.locate([]))
+        return Manifest.read(self.locate([]))
 
     def files(self, split: str | None = None) -> list[ShardFile]:
         """Return the shards of a split, or of all, in order; on the Hub they are downloaded."""
@@ -254,12 +258,6 @@ class Source:
         """Raise DatasetError if the table of labyrinths is missing or damaged."""
         with table_file(self.locate([TABLE]), self.manifest):
             pass  # Opening it checks it.
-
-    def pin(self) -> str:
-        """Return the commit on the Hub that was read last, from which all else is read, too."""
-        assert self._snapshot is not None
-        self._commit = self._snapshot.parent.name
-        return self._commit
 
     def require_unchanged(self) -> None:
         """Raise DatasetError if the dataset in a folder was replaced since its manifest was read.
@@ -313,96 +311,6 @@ class Query:
             if not in_place:
                 held = zip(shards, part.counts(), strict=True)
                 folder = dataset.locate([shard.path for shard, rows in held if rows])
-        if in_place and dataset.local is None:
-            remote = RemotePath(f"hf://datasets/{dataset.source}@{dataset.pin()}/{dataset.config}")
+        if in_place and dataset.commit is not None:
+            remote = RemotePath(f"hf://datasets/{dataset.source}@{dataset.commit}/{dataset.config}")
         return replace(part, files=[ShardFile(folder, shard, remote) for shard in shards])
-
-
-def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
-    """Return the folder with a dataset's manifest, or None for an id on the Hub.
-
-    Raises:
-        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
-        DatasetError: The source is neither a folder nor an id, or has no such config.
-    """
-    if not isinstance(config, str):
-        raise ValueError(f"config={config!r}: give a name, such as '5x5'")
-    try:
-        folder = folder_at(source)
-    except TypeError as error:
-        told = "give a folder, or an id such as user/labyrinth"
-        raise ValueError(f"source={source!r:.60}: {told}") from error
-    except ValueError as error:
-        raise DatasetError(str(error)) from error
-    if folder.is_dir():
-        if revision is not None:
-            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        if not _has_episodes(folder / config):
-            if (folder / MANIFEST).is_file():
-                raise DatasetError(
-                    f"{source} is the folder of the config {folder.name}: give the folder that "
-                    f"holds it, {folder.parent}"
-                )
-            raise _no_config(source, config, map(str, folder.glob(f"*/{MANIFEST}")))
-        return folder / config
-    if not HUB_ID.fullmatch(str(source)):
-        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
-    return None
-
-
-def _download(source: str, config: str, files: Iterable[str], revision: str | None) -> Path:
-    from huggingface_hub import HfApi, snapshot_download
-    from huggingface_hub.errors import RevisionNotFoundError
-
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
-
-    prepare_client()
-    patterns = [normpath(f"{config}/{name}") for name in (MANIFEST, *files)]
-    try:
-        snapshot = snapshot_download(
-            source, repo_type="dataset", revision=revision, allow_patterns=patterns
-        )
-        if _has_episodes(Path(snapshot, config)):
-            return Path(snapshot) / config
-        there = HfApi().list_repo_files(source, repo_type="dataset", revision=revision)
-    except RevisionNotFoundError as error:
-        raise DatasetError(_no_revision(source, revision)) from error
-    except UNAVAILABLE as error:
-        raise DatasetError(f"{why_unavailable(source, error)}: {one_line(error)}") from error
-    manifests = (path for path in there if re.fullmatch(rf"[^/]+/{MANIFEST}", path))
-    raise _no_config(source, config, manifests)
-
-
-def _no_revision(source: str, revision: str | None) -> str:
-    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
-    from huggingface_hub import HfApi
-
-    from labyrinth_core.data.hub import UNAVAILABLE
-
-    message = f"{source} has no revision {revision}"
-    try:
-        refs = HfApi().list_repo_refs(source, repo_type="dataset")
-    except UNAVAILABLE:
-        return message
-    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
-
-
-def why_unavailable(source: str, error: Exception) -> str:
-    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
-    file = error.filename if isinstance(error, OSError) else None
-    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
-        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
-    if Path(source).is_dir():
-        return f"{source} cannot be read"
-    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
-
-
-def _has_episodes(folder: AnyPath) -> bool:
-    return (folder / MANIFEST).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
-
-
-def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
-    names = (path.split("/")[-2] for path in manifests)
-    held = sorted(filter(CONFIG_NAME.fullmatch, names))
-    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
-    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -59,8 +59,6 @@ class Dataset(Source):
     def __init__(self, source: str | Path, config: str, revision: str | None = None) -> None:
         super().__init__(source, config, revision)
         _ = self.manifest  # It is read now.
-        if self.local is None:
-            self.pin()
 
     @classmethod
     def of(cls, source: str | Path | Dataset, config: str | None, revision: str | None) -> Dataset:

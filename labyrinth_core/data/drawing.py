@@ -16,6 +16,7 @@ import numpy as np
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.dynamics import Episode, random_episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
 from labyrinth_core.world.sampling import sample_structures
@@ -100,8 +101,8 @@ class Drawing(NamedTuple):
 
         Args:
             number: The number of the chunk. The first chunk suffices for most datasets.
-            only: The only split for which it matters whether a structure can hold the task, which
-                takes time for tasks with tiles; None for all.
+            only: The only split for which it matters whether it can use a structure with its task,
+                and with any start and goal, which takes time; None for all.
         """
         key = (number, DRAWING) if number else ()
         structures = sample_structures(
@@ -116,9 +117,11 @@ class Drawing(NamedTuple):
             split = None
             if structure.structure_id not in seen:
                 seen.add(structure.structure_id)
-                split = bucket_of(self.config, structure)
-                if split is not None and only in (None, split):
-                    split = split if self.holds_task(split, structure) else None
+                split = split_of(structure, self.config.buckets)
+                if only in (None, split):
+                    split = bucket_of(self.config, structure)
+                    if split is not None and not self.holds_task(split, structure):
+                        split = None
             yield structure, split
 
 

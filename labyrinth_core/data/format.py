@@ -169,4 +169,7 @@ def open_encoded(source: Path | BinaryIO, columns: Iterable[str], **options: Any
         group = footer.row_group(0)
         there = {group.column(number).path_in_schema for number in range(group.num_columns)}
     encoded = [name for name in columns if name in there]
-    return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)
+    try:
+        return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)
+    except KeyError as error:
+        raise OSError(f"its footer names a column that it has not: {error}") from error

@@ -1,25 +1,56 @@
-"""What holds for each call of the Hub's client: a limit on silence, and a token that can be sent.
+"""Calls of the Hub's client: a limit on silence, retries, errors in one line, files of one commit.
 
 A call fails after a minute without a byte. The client limits downloads itself
-(HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most other calls. It retries calls that
-fail, so a silent Hub becomes an error after some minutes.
+(HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most other calls. It retries some calls that
+fail; `repeated` retries the others.
+
+The client answers from its cache, in silence, if the Hub refuses or is down. Readers therefore ask
+which commit a revision means (`commit_of`), which no cache answers, and read files of that commit.
 """
 
 from __future__ import annotations
 
+import hashlib
 import os
-from typing import Any
+import re
+import time
+import traceback
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from functools import partial
+from json import JSONDecodeError
+from pathlib import Path
+from typing import Any, TypeVar
 
-from huggingface_hub import get_session, get_token
-from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
+from huggingface_hub import HfApi, constants, get_session, get_token, hf_hub_download
+from huggingface_hub.errors import (  # type: ignore[attr-defined]
+    FileMetadataError,
+    HTTPError,
+    LocalEntryNotFoundError,
+    RemoteEntryNotFoundError,
+    RevisionNotFoundError,
+)
+from huggingface_hub.file_download import repo_folder_name
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 
 VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
 """Environment variable for the seconds without a byte after which a call fails; its default."""
 
 UNAVAILABLE = (OSError, ValueError, HTTPError, RuntimeError)
 """The client's errors for a file or repository that it cannot provide; RuntimeError is Xet's."""
+
+WAITS = (0.2, 1.0, 3.0)
+"""Seconds before each retry of a call, unless the answer's Retry-After asks for more."""
+LONGEST_WAIT = 60.0
+"""The longest Retry-After, in seconds, after which a call is retried."""
+
+COMMIT = re.compile(r"[0-9a-f]{40}")
+_CACHED = re.compile(r"(model|dataset)s--([^/]+)--([^/]+)/snapshots/([0-9a-f]{40})/(.+)")
+"""The path of a file in the client's cache."""
+
+Result = TypeVar("Result")
 
 
 def prepare_client() -> None:
@@ -59,3 +90,265 @@ def _seconds() -> float:
     if not 0 < seconds < 1e6:
         raise DatasetError(f"{VARIABLE}={text:.60}: give a number of seconds, such as {SECONDS}")
     return seconds
+
+
+class NotAHubError(ValueError):
+    """What answers is not a Hub, such as the page on which a hotel's network asks for a login."""
+
+
+def repeated(call: Callable[[], Result]) -> Result:
+    """Return the result of an idempotent call of the client, retried after errors that may pass.
+
+    Raises:
+        NotAHubError: The client cannot read the answer.
+        OSError, ValueError, HTTPError, RuntimeError: The client's other errors.
+    """
+    for seconds in (*WAITS, None):
+        try:
+            return call()
+        except (*UNAVAILABLE, *MALFORMED) as error:
+            wait = seconds_to_wait(error)
+            if seconds is None or wait is None:
+                if is_not_of_a_hub(error) and not isinstance(error, NotAHubError):
+                    raise NotAHubError(
+                        f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
+                    ) from error
+                raise
+        time.sleep(max(seconds, wait))
+    raise AssertionError
+
+
+def seconds_to_wait(error: Exception) -> float | None:
+    """Return the seconds that an answer asks to wait for; None if a retry cannot help.
+
+    A retry may help after a network or server error, a rate limit, a download that was cut, or an
+    answer that is not a Hub's.
+    """
+    cause, status = _cause(error), status_of(error)
+    if isinstance(error, LocalEntryNotFoundError) and not is_not_of_a_hub(error):
+        return None  # The client has retried.
+    if status is None:
+        was_cut = "Consistency check failed" in str(cause)
+        passing = isinstance(cause, HTTPError) or was_cut or is_not_of_a_hub(error)
+    else:
+        passing = status >= 500 or status in (408, 429)
+    response = getattr(cause, "response", None)
+    asked = "" if response is None else response.headers.get("retry-after", "")
+    seconds = float(asked) if re.fullmatch(r"\d{1,9}", asked) else 0.0
+    return seconds if passing and seconds <= LONGEST_WAIT else None
+
+
+def _cause(error: Exception) -> Exception:
+    """Return the error that the client wraps in one that says what else it tried."""
+    wraps = isinstance(error, (LocalEntryNotFoundError, RuntimeError)) or (
+        isinstance(error, ValueError) and str(error).startswith("Force download failed")
+    )
+    cause = error.__cause__
+    if wraps and isinstance(cause, UNAVAILABLE) and is_of_client(error):
+        return _cause(cause)
+    return error
+
+
+def status_of(error: Exception) -> int | None:
+    """Return the status of the Hub's answer, None if there was no answer."""
+    response = getattr(_cause(error), "response", None)
+    status: int | None = getattr(response, "status_code", None)
+    return status
+
+
+def is_not_of_a_hub(error: Exception) -> bool:
+    """Return whether the client failed because an answer has not the form of a Hub's."""
+    cause = _cause(error)
+    if isinstance(cause, (FileMetadataError, JSONDecodeError, NotAHubError)):
+        return True
+    told = re.search("malformed|improperly formatted", str(cause), re.IGNORECASE)
+    wrong = (LookupError, TypeError, AttributeError) if told is None else MALFORMED
+    return isinstance(cause, wrong) and is_of_client(cause)
+
+
+def is_of_client(error: BaseException) -> bool:
+    """Return whether the Hub's client, or code that it calls, raised an error."""
+    frames = traceback.walk_tb(error.__traceback__)
+    modules = (str(frame.f_globals.get("__name__", "")) for frame, _ in frames)
+    return any(module.partition(".")[0] == "huggingface_hub" for module in modules)
+
+
+def reason_of(error: Exception) -> str:
+    """Return what the Hub answered, or why it did not, in one line."""
+    cause, status = _cause(error), status_of(error)
+    if status is not None:
+        told = getattr(cause, "server_message", None) or one_line(cause)
+        return f"the Hub answers {status}: {told.partition(' For more information')[0]:.300}"
+    return f"{one_line(cause):.300}"
+
+
+def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
+    """Return the commit that a revision means, as the Hub says; without HF_HUB_OFFLINE=1 only so.
+
+    Args:
+        repo_id: The repository.
+        repo_type: `dataset` or `model`.
+        revision: A branch, tag or commit; None for `main`.
+
+    Raises:
+        DatasetError: The Hub does not say, but the cache has a commit, which may be an older one.
+        OSError, ValueError, HTTPError: The client's errors; `RevisionNotFoundError` if there is no
+            such revision.
+    """
+    name = revision or constants.DEFAULT_REVISION
+    if COMMIT.fullmatch(name):
+        return name
+    prepare_client()
+    known = known_commit(repo_id, repo_type, name)
+    if constants.HF_HUB_OFFLINE and known:
+        return known
+
+    def asked() -> str:
+        commit = HfApi().repo_info(repo_id, repo_type=repo_type, revision=name).sha
+        if not COMMIT.fullmatch(commit or ""):
+            raise NotAHubError(f"{constants.ENDPOINT} names no commit of {repo_id}")
+        return str(commit)
+
+    try:
+        commit = repeated(asked)
+    except UNAVAILABLE as error:
+        if not known or isinstance(error, RevisionNotFoundError):
+            raise
+        raise DatasetError(
+            f"{repo_id}: {reason_of(error)}; to read {known[:12]}, the newest commit of {name} "
+            "that this machine has read, set HF_HUB_OFFLINE=1"
+        ) from error
+    if commit != known:
+        with suppress(OSError):  # The cache need not be writable if it has the files.
+            place = _reference(repo_id, repo_type, name)
+            place.parent.mkdir(parents=True, exist_ok=True)
+            place.write_text(commit, encoding="utf-8")
+    return commit
+
+
+def known_commit(repo_id: str, repo_type: str, revision: str | None) -> str | None:
+    """Return the commit that a revision meant when this machine last asked; None if unknown."""
+    name = revision or constants.DEFAULT_REVISION
+    if COMMIT.fullmatch(name):
+        return name
+    try:
+        text = _reference(repo_id, repo_type, name).read_text(encoding="utf-8").strip()
+    except (OSError, ValueError):
+        return None
+    return text if COMMIT.fullmatch(text) else None
+
+
+def _reference(repo_id: str, repo_type: str, name: str) -> Path:
+    """Return the file in the client's cache that holds the commit of a branch or tag.
+
+    https://huggingface.co/docs/huggingface_hub/guides/manage-cache
+    """
+    folder = repo_folder_name(repo_id=repo_id, repo_type=repo_type)
+    return Path(constants.HF_HUB_CACHE, folder, "refs", name)
+
+
+def snapshot_of(repo_id: str, repo_type: str, commit: str) -> Path:
+    """Return the folder in the client's cache for the files of a commit."""
+    folder = repo_folder_name(repo_id=repo_id, repo_type=repo_type)
+    return Path(constants.HF_HUB_CACHE, folder, "snapshots", commit)
+
+
+def download(repo_id: str, repo_type: str, commit: str, names: Iterable[str]) -> Path:
+    """Download those of some files of a commit that exist; return the folder they are in.
+
+    Raises:
+        OSError, ValueError, HTTPError, RuntimeError: The client's errors.
+    """
+    prepare_client()
+
+    def one(name: str) -> None:
+        with suppress(RemoteEntryNotFoundError):
+            repeated(partial(hf_hub_download, repo_id, name, repo_type=repo_type, revision=commit))
+
+    folder, wanted = snapshot_of(repo_id, repo_type, commit), list(dict.fromkeys(names))
+    missing = [name for name in wanted if not (folder / name).exists()]
+    if len(missing) == 1:
+        one(missing[0])
+    elif missing:
+        with ThreadPoolExecutor(min(8, len(missing))) as threads:
+            list(threads.map(one, missing))
+    return folder
+
+
+def fetched(repo_id: str, revision: str | None, most: Mapping[str, int]) -> Path:
+    """Download those files of a model that exist; return the folder they are in.
+
+    Args:
+        repo_id: The model.
+        revision: A branch, tag or commit; None for `main`.
+        most: Name -> the most bytes of the file. All sizes are checked before any download.
+
+    Raises:
+        DatasetError: A file is too large or damaged, or the Hub does not give it.
+    """
+
+    def size_of(name: str) -> Any:
+        info = repeated(lambda: hf_hub_download(repo_id, name, revision=commit, dry_run=True))
+        return info.file_size
+
+    try:
+        commit = commit_of(repo_id, "model", revision)
+        for name, limit in most.items():
+            with suppress(RemoteEntryNotFoundError):
+                size = size_of(name)
+                if size is not None and size > limit:
+                    raise DatasetError(f"{repo_id}: {name} has {size:,} bytes, more than {limit:,}")
+        folder = download(repo_id, "model", commit, most)
+    except DatasetError:
+        raise
+    except UNAVAILABLE as error:
+        reason = f"{repo_id} is not a folder, and cannot be loaded from the Hub"
+        raise DatasetError(f"{reason}: {reason_of(error)}") from error
+    for name in most:
+        if (folder / name).exists():
+            require_whole(folder / name)
+    return folder
+
+
+def download_again(path: Path) -> bool:
+    """Replace a damaged file in the client's cache; return whether that was possible."""
+    try:
+        inside = path.absolute().relative_to(Path(constants.HF_HUB_CACHE).absolute())
+    except ValueError:
+        return False
+    match = _CACHED.fullmatch(inside.as_posix())
+    if match is None or constants.HF_HUB_OFFLINE:
+        return False
+    repo_type, owner, name, commit, file = match.groups()
+    prepare_client()
+    get = partial(hf_hub_download, repo_type=repo_type, revision=commit, force_download=True)
+    try:
+        repeated(partial(get, f"{owner}/{name}", file))
+    except UNAVAILABLE:
+        return False
+    return True
+
+
+def require_whole(path: Path) -> None:
+    """Compare a small file in the client's cache with the hash that the Hub gave for it.
+
+    The name of its blob is that hash. A damaged file is downloaded once more.
+
+    Raises:
+        DatasetError: The file has another hash still.
+    """
+    if not _has_its_hash(path) and not (download_again(path) and _has_its_hash(path)):
+        raise DatasetError(f"{path} is damaged: its content has not the hash that the Hub gave")
+
+
+def _has_its_hash(path: Path) -> bool:
+    """Return whether a file has the hash that names its blob; also true if that is no hash."""
+    if not path.is_symlink():  # As where the system has no links.
+        return True
+    digest, content = path.readlink().name, path.read_bytes()
+    if re.fullmatch("[0-9a-f]{64}", digest):
+        return hashlib.sha256(content).hexdigest() == digest
+    if COMMIT.fullmatch(digest):  # Git's, or of a mirror that names files by their SHA-1.
+        blob = b"blob %d\0%b" % (len(content), content)
+        return digest in (hashlib.sha1(blob).hexdigest(), hashlib.sha1(content).hexdigest())
+    return True

@@ -36,7 +36,8 @@ from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, RECOLOURED
+from labyrinth_core.pictures.renderer import style_for
+from labyrinth_core.world.labyrinth import Look
 
 
 class Transition(NamedTuple):
@@ -274,7 +275,7 @@ def _cached(
         size = int(spec.image_size)
         content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
         if not spec.decodes:
-            content += DEFAULT_STYLE, RECOLOURED
+            content += tuple(style_for(look, 5, 5) for look in Look)
         name = name_of(part.config.name, split, size, content)
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))

@@ -14,11 +14,12 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING, Any, get_type_hints
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
@@ -46,6 +47,7 @@ MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
 """The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
 REBUILD = "build it again with overwrite=true, or download it again"
 """Advice for a dataset whose manifest is of no use."""
+Result = TypeVar("Result")
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and its format if structures come from several chunks of
 candidates."""
@@ -216,6 +218,8 @@ class Manifest:
                     labyrinths=None if companion else TableFile.from_json(content["labyrinths"]),
                     format=form,
                 )
+                if content.get("fingerprint") != found.fingerprint:
+                    raise ValueError("its fingerprint is not that of its shards")
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
         except OSError as error:
@@ -280,6 +284,24 @@ def _lists(folder: AnyPath, file: Shard | TableFile) -> bool:
     return file in (*manifest.shards, manifest.labyrinths)
 
 
+def mended(path: AnyPath, check: Callable[[], Result]) -> Result:
+    """Return the result of checking a file; a damaged one from the Hub is downloaded once more.
+
+    Raises:
+        DatasetError: The check fails, for a file from the Hub twice.
+    """
+    try:
+        return check()
+    except DatasetError:
+        if not isinstance(path, Path) or "snapshots" not in path.parts:
+            raise
+        from labyrinth_core.data.hub import download_again
+
+        if not download_again(path):
+            raise
+    return check()
+
+
 @contextmanager
 def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
     """Check and open the table of labyrinths, whose texts are read dictionary-encoded.
@@ -291,9 +313,15 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.
     with unless_replaced(folder, manifest.table), ExitStack() as stack:
         with readable(path):
             local = stack.enter_context(local_copy(path))
-            digest, size = file_sha256(local), local.stat().st_size
-        if digest != manifest.table.sha256:
-            raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
+
+        def check() -> int:
+            with readable(path):
+                digest, size = file_sha256(local), local.stat().st_size
+            if digest != manifest.table.sha256:
+                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
+            return size
+
+        size = mended(path, check)
         with readable(path):
             file = stack.enter_context(open_encoded(local, _TEXTS))
         if problem := table_problem(file, manifest, size):

@@ -13,13 +13,15 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.pictures.observations import KINDS, OBSERVATIONS
+from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, state_at
 from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
+
+OBSERVATIONS = ("image", *KINDS)
 
 RESIZES = {
     "area": (None, "area"),

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
 from labyrinth_core.data.format import GROUP_BYTES, NUMBERS, OTHERS, open_encoded
-from labyrinth_core.data.manifest import Shard, unless_replaced
+from labyrinth_core.data.manifest import Shard, mended, unless_replaced
 from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
 
 if TYPE_CHECKING:
@@ -146,12 +146,25 @@ def rows_together(
     together = 1 if pictures else TOGETHER
     columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
     batches = chain.from_iterable(
-        file.iter_batches(BATCH_ROWS, groups[first : first + together], columns)
+        _batches_of(file, groups[first : first + together], columns, place)
         for first in range(0, len(groups), together)
     )
-    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), each_read(batches, place))
+    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), batches)
     while some := list(_some_of(blocks, together)):
         yield joined(some)
+
+
+def _batches_of(
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], columns: list[str], place: object
+) -> Iterator[pa.RecordBatch]:
+    """Yield the rows of row groups; raise DatasetError if Arrow loses some in a damaged page."""
+    rows = sum(file.metadata.row_group(group).num_rows for group in groups)
+    found = 0
+    for batch in each_read(file.iter_batches(BATCH_ROWS, groups, columns), place):
+        found += batch.num_rows
+        yield batch
+    if found != rows:
+        raise DatasetError(f"{place} is damaged: it has {found} rows where there should be {rows}")
 
 
 def each_read(batches: Iterator[Batch], place: object) -> Iterator[Batch]:
@@ -185,9 +198,7 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
     with unless_replaced(folder, shard), ExitStack() as stack:
         with readable(path):
             local = stack.enter_context(local_copy(path))
-            before = _identity(local)
-        _check_size(before[1], shard, path)
-        check_file(local, shard, path)
+        before = mended(path, partial(_checked, local, shard, path))
         with readable(path):
             file = stack.enter_context(open_shard(local))
             after = _identity(local)
@@ -195,6 +206,15 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
             raise DatasetError(f"{path} has changed while it was opened: run this again")
         check_footer(file, shard, path)
         yield file
+
+
+def _checked(file: Path, shard: Shard, path: AnyPath) -> tuple[int, int, int]:
+    """Return the identity of a file after comparing its size and hash with those of a shard."""
+    with readable(path):
+        identity = _identity(file)
+    _check_size(identity[1], shard, path)
+    check_file(file, shard, path)
+    return identity
 
 
 def _identity(path: Path) -> tuple[int, int, int]:

@@ -92,7 +92,16 @@ class RemotePath:
         """Call `question` with the file system and the path in it, and return its result."""
         try:
             store = _filesystem(self.url.partition("://")[0])
-            return question(store, store._strip_protocol(self.url))
+            place = store._strip_protocol(self.url)
+            if not self.url.startswith("hf://"):
+                return question(store, place)
+            from labyrinth_core.data.hub import repeated
+
+            try:
+                return repeated(lambda: question(store, place))
+            except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
+                store.invalidate_cache()
+                return repeated(lambda: question(store, place))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.
@@ -102,14 +111,33 @@ class RemotePath:
             reason = f"{type(error).__name__}: {one_line(error)}"
             raise OSError(number, reason, self.url) from error
 
+    def _kind(self, *, anew: bool = False) -> str | None:
+        """Return `file` or `directory`, or None if nothing is there.
+
+        The store's own `exists`, `isfile` and `isdir` may take any error for no.
+
+        Args:
+            anew: Whether to ask for a new listing of a store that keeps some.
+        """
+
+        def asked(store: Any, path: str) -> str:
+            if anew:
+                store.invalidate_cache()
+            return str(store.info(path)["type"])
+
+        try:
+            return cast("str", self._ask(asked))
+        except FileNotFoundError:
+            return None
+
     def exists(self) -> bool:
-        return bool(self._ask(lambda store, path: store.exists(path)))
+        return self._kind() is not None
 
     def is_dir(self) -> bool:
-        return bool(self._ask(lambda store, path: store.isdir(path)))
+        return self._kind(anew=True) == "directory"
 
     def is_file(self) -> bool:
-        return bool(self._ask(lambda store, path: store.isfile(path)))
+        return self._kind() == "file"
 
     def glob(self, pattern: str) -> Iterator[RemotePath]:
         """Yield the paths that match `pattern`; this folder's own path is taken literally."""

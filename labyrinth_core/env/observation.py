@@ -11,14 +11,16 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
-from labyrinth_core.pictures.observations import KINDS, PLAYED
+from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.dynamics import state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
 
 Kind = str
-"""One of `observations.PLAYED`."""
+"""One of `PLAYED`."""
+PLAYED = ("image", *(name for name, kind in KINDS.items() if kind.bounds), "state")
+"""The observations of environments; `state` is the index of the state."""
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64
 CACHE_BYTES = 16 * 1024 * 1024

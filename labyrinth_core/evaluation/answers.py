@@ -294,6 +294,13 @@ class Player:
     """Whether the action depends on the observation alone, so that look-ups suffice."""
     remembered: Callable[[], NDArray[Any]] | None = None
     """Returns all that it remembers, a row for each episode; None if the policy cannot."""
+    numbered: bool = False
+    """Whether `act` takes `episodes`, the numbers of those that go on, and sees only these."""
+
+    def act_in(self, episodes: NDArray[np.int64]) -> Policy:
+        """Return `act` for observations of these episodes alone, which has to be `numbered`."""
+        act: Any = self.act
+        return partial(act, episodes=episodes)
 
     @classmethod
     def of(cls, policy: Any, seed: int) -> Player:
@@ -316,7 +323,7 @@ class Player:
             begin = partial(begin, rng=np.random.default_rng(seed))
         if remembers:
             remembered = None if draws else getattr(policy, "remembered", None)
-            return cls(policy.act, begin, False, remembered)
+            return cls(policy.act, begin, False, remembered, _takes(policy.act, "episodes"))
         return cls(begin, None, not draws)
 
 

@@ -149,6 +149,16 @@ class RunName:
         """The name of the run and of its folder, such as `iupe-resnet18-seed2-paper`."""
         return "-".join([*self._learner, f"seed{self.seed}", *self._others])
 
+    @staticmethod
+    def title_of(method: str) -> str:
+        """Return a method's name in tables: `bc`, or of `module:Class` the name of the class.
+
+        A class called `Method` is named after its module.
+        """
+        module, _, found = method.partition(":")
+        found = found.rpartition(".")[2]
+        return module.rpartition(".")[2] if found in ("", "Method") else found
+
     @property
     def _learner(self) -> list[str]:
         return [self.method] + [self.encoder] * (self.encoder != self.method)
@@ -175,6 +185,18 @@ class TrainedRun(RunName):
     on which the policy is judged."""
     as_tried: Mapping[str, Mapping[str, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Origin:
+    """Where a policy was opened and what its files are, so that anyone can play it again."""
+
+    source: str
+    """A folder, a file, or an id on the Hub."""
+    commit: str | None
+    """The commit on the Hub; None for a folder or a file."""
+    files: Mapping[str, str]
+    """Name -> SHA-256 of each file, the weights first."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,15 +10,16 @@ results.save("results/mine.json", name="my method", url="https://example.org")
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED
+from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
@@ -51,7 +52,8 @@ def evaluate(
       no memory, so it is called once for each state of each labyrinth.
     - An object with `reset(count)` and `act(observations)`, which may have memory. All `count`
       episodes are stepped in lock-step; it still sees the final states of finished episodes, and
-      its answers there are ignored.
+      its answers there are ignored. If `act` takes an argument `episodes`, it sees only the
+      episodes that go on, and is given their numbers, from 0 to `count` - 1.
     - Either of them, if the function or `reset` takes an argument `rng`: a
       `numpy.random.Generator`, for a stochastic policy. It is stepped, too.
     - A model or policy of Stable-Baselines3, or any object with its `predict`, called with
@@ -81,88 +83,164 @@ def evaluate(
             actions, or cannot be shown these labyrinths.
         DatasetError: The dataset or split does not exist, or was replaced meanwhile.
     """
-    seed = whole("seed", seed, 0, MOST_SEED)
-    if episodes is not None:
-        episodes = whole("episodes", episodes, 1, MOST_EPISODES)
     data = Dataset.of(source, config, revision)
-    about = data.manifest.config
-    policy, spec = fitted(
-        policy,
-        about.height,
-        about.width,
-        about.task,
-        observation=observation,
-        image_size=image_size,
-    )
-    player = Player.of(policy, seed)
-
-    def load(split: str, observation: str = spec.observation) -> LabyrinthArrays:
-        shown = ObservationSpec(observation, spec.image_size, draw=True, resize=spec.resize)
-        return arrays_in(data[split], shown)
-
-    scores, baselines = judge(player, load, _chosen(splits, data), about.task, episodes=episodes)
-    data.require_unchanged()
-    return Results(
-        dataset=str(data.source),
-        revision=data.revision,
-        config=about.name,
-        fingerprint=data.fingerprint,
-        observation=spec.observation,
-        image_size=spec.image_size if spec.observation == "image" else None,
-        way=way_of(player, episodes),
-        episodes=episodes or 1,
-        seed=seed,
-        splits=scores,
-        baselines=baselines,
-    )
+    shown = Evaluation.of(policy, data, observation=observation, image_size=image_size, seed=seed)
+    return shown.results(splits, episodes)
 
 
-def way_of(player: Player, episodes: int | None = None) -> str:
-    """Return how a policy is judged: `look-ups` if it remembers nothing, else `steps`."""
-    return "look-ups" if player.forgets and episodes is None else "steps"
+@dataclass(frozen=True, eq=False)
+class Evaluation:
+    """A policy, and the labyrinths of a dataset as they are shown to it."""
 
+    data: Dataset
+    player: Player
+    spec: ObservationSpec
+    """What the policy is shown."""
+    seed: int
+    """The seed of the generator that the policy may take."""
+    origin: Origin | None = None
+    """The files that the policy was opened from, if `open_policy` opened it."""
+    run: TrainedRun | None = None
+    """The run that trained it, if the results are those of the run."""
 
-def judge(
-    player: Player,
-    load: Callable[..., LabyrinthArrays],
-    splits: Iterable[str],
-    task: Task,
-    *,
-    episodes: int | None = None,
-    learnt: LabyrinthArrays | None = None,
-    blind: bool = False,
-) -> tuple[dict[str, Scores], dict[str, dict[str, Mapping[str, float]]]]:
-    """Return the scores of a policy by split, and the figures of baselines by name and split.
+    @classmethod
+    def of(
+        cls,
+        policy: Any,
+        data: Dataset,
+        *,
+        observation: str | None = None,
+        image_size: int | None = None,
+        seed: int = 0,
+        run: TrainedRun | None = None,
+    ) -> Evaluation:
+        """Return any policy with a dataset; the arguments are those of `evaluate`.
 
-    Args:
-        player: The policy.
-        load: Returns the labyrinths of a split, given its name, with the policy's observation or
-            the one given as `observation`.
-        splits: The names of the splits.
-        task: The task of the labyrinths.
-        episodes: As for `evaluate`.
-        learnt: The labyrinths that the references know; None for all of the split train.
-        blind: Whether to add the baselines that do not look at a labyrinth.
-    """
-    memory = TrainMemory.of(load("train", observation="vector") if learnt is None else learnt)
-    scores: dict[str, Scores] = {}
-    baselines: dict[str, dict[str, Mapping[str, float]]] = {}
-    for split in splits:
-        arrays = load(split)
-        known, beside = memory.figures(arrays, blind=blind)
-        if way_of(player, episodes) == "look-ups":
+        The results of a `run` have its seed, and say that it trained the policy.
+
+        Raises:
+            ValueError, PolicyError: As for `evaluate`.
+        """
+        seed = whole("seed", seed, 0, MOST_SEED) if run is None else run.seed
+        origin, about = getattr(policy, "origin", None), data.manifest.config
+        policy, spec = fitted(
+            policy,
+            about.height,
+            about.width,
+            about.task,
+            observation=observation,
+            image_size=image_size,
+        )
+        origin = origin if isinstance(origin, Origin) else None
+        return cls(data, Player.of(policy, seed), spec, seed, origin, run)
+
+    def load(self, split: str, observation: str | None = None) -> LabyrinthArrays:
+        """Return the labyrinths of a split with the policy's observation, or with another one.
+
+        If the policy learnt from the first labyrinths of train alone, only they and those derived
+        from them are those of a split: the others have structures that are new to the policy.
+        """
+        run, data = self.run, self.data
+        known = run is not None and run.fingerprint == data.fingerprint
+        learnt = run.first_labyrinths if run is not None and known else None
+        kind = observation or self.spec.observation
+        shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
+        return arrays_in(data.of_first(split, learnt), shown)
+
+    def results(
+        self,
+        splits: Sequence[str] | None = None,
+        episodes: int | None = None,
+        *,
+        trained_on: Callable[[], Dataset] | None = None,
+        follow: Callable[[Sequence[str]], Iterable[str]] = iter,
+    ) -> Results:
+        """Play all episodes and return the results.
+
+        Args:
+            splits: As for `evaluate`.
+            episodes: As for `evaluate`.
+            trained_on: Returns the dataset that the run learnt from, which the references know if
+                it is another one of the same size and task; None if it is not available.
+            follow: Yields the splits, to show progress.
+
+        Raises:
+            ValueError, PolicyError, DatasetError: As for `evaluate`.
+        """
+        if episodes is not None:
+            episodes = whole("episodes", episodes, 1, MOST_EPISODES)
+        about, run = self.data.manifest.config, self.run
+        learnt = None if run is None or trained_on is None else self._learnt(run, trained_on)
+        memory = TrainMemory.of(learnt or self.load("train", "vector"))
+        scores: dict[str, Scores] = {}
+        baselines: dict[str, dict[str, Mapping[str, float]]] = {}
+        for split in follow(_chosen(splits, self.data)):
+            scores[split], beside = self._judge(split, memory, about.task, episodes)
+            for name, figures in beside.items():
+                baselines.setdefault(name, {})[split] = figures
+        self.data.require_unchanged()
+        if run is not None:
+            run = replace(run, references_know=None if learnt is None else run.fingerprint)
+        return Results(
+            dataset=str(self.data.source),
+            revision=self.data.revision,
+            config=about.name,
+            fingerprint=self.data.fingerprint,
+            observation=self.spec.observation,
+            image_size=self.spec.image_size if self.spec.observation == "image" else None,
+            way=self._way(episodes),
+            episodes=episodes or 1,
+            seed=self.seed,
+            splits=scores,
+            baselines=baselines,
+            run=run,
+            policy=None if run is not None else self.origin,
+        )
+
+    def _way(self, episodes: int | None) -> str:
+        """Return how the policy is judged: `look-ups` if it remembers nothing, else `steps`."""
+        return "look-ups" if self.player.forgets and episodes is None else "steps"
+
+    def _judge(
+        self, split: str, memory: TrainMemory, task: Task, episodes: int | None
+    ) -> tuple[Scores, dict[str, dict[str, float]]]:
+        """Return the scores of the policy on a split, and the figures of each baseline."""
+        arrays = self.load(split)
+        # A run is compared with the baselines that do not look at a labyrinth, too.
+        known, beside = memory.figures(arrays, blind=self.run is not None)
+        if self._way(episodes) == "look-ups":
             advice = "give episodes=1 or more if it draws at random"
-            require_repeatable(player, arrays, advice)
-            found = score(player.act, arrays)
+            require_repeatable(self.player, arrays, advice)
+            found = score(self.player.act, arrays)
         else:
-            found = Scores.of(step_through(player, arrays, episodes or 1), arrays)
-        scores[split] = replace(found, known_route=known)
-        del arrays  # Frees the arrays before those of the next split are loaded.
+            found = Scores.of(step_through(self.player, arrays, episodes or 1), arrays)
+        del arrays  # Frees the arrays before others are loaded.
         if task.rules.hides:
-            beside |= replan(load(split, observation="vector"))
-        for name, figures in beside.items():
-            baselines.setdefault(name, {})[split] = figures
-    return scores, baselines
+            beside |= replan(self.load(split, "vector"))
+        return replace(found, known_route=known), beside
+
+    def _learnt(self, run: TrainedRun, trained_on: Callable[[], Dataset]) -> LabyrinthArrays | None:
+        """Return the labyrinths that a run learnt from; None if they are unavailable.
+
+        Also None if it is judged on its own dataset, or on one of another size or task, of which
+        nothing could be remembered.
+        """
+        here = self.data.manifest.config
+        if run.fingerprint == self.data.fingerprint:
+            return None
+        try:
+            other = trained_on()
+        except DatasetError:
+            return None
+        there = other.manifest.config
+        alike = all(getattr(here, name) == getattr(there, name) for name in _LABYRINTHS)
+        if not alike or other.fingerprint != run.fingerprint:
+            return None
+        shown = ObservationSpec("vector", self.spec.image_size, draw=True)
+        return arrays_in(other["train"].filter(labyrinths=run.first_labyrinths), shown)
+
+
+_LABYRINTHS = ("height", "width", "task")
 
 
 def _chosen(splits: Sequence[str] | None, data: Dataset) -> list[str]:

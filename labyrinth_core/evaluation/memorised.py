@@ -54,6 +54,9 @@ MOST_SHARED = 0.5
 COPIES = 12
 """The number of copies in a receipt."""
 
+PAIR_BYTES, MOST_BYTES = 110, 8 * 10**9
+"""The memory for each state in each training set, and the most that a receipt may take."""
+
 DECIMALS = 4
 """Figures are rounded to this number of decimal places, since processors round sums differently."""
 EQUAL = 1e-9
@@ -89,7 +92,9 @@ class Copy:
     agent: int
     """The agent's cell, also in the twin."""
     has_key: bool
+    """Whether the agent has the key, also in the twin."""
     door_open: bool
+    """Whether the door is open, also in the twin."""
     train_labyrinth: str
     """The id of the twin's labyrinth in train."""
     twins: int
@@ -249,6 +254,11 @@ def receipt_of(
     others, hashes = _controls(replace(config, seed=max(config.seed, FIRST_SEED - 1)), controls)
     shared = _shared(config, own, hashes)
     states = np.flatnonzero(~arrays.terminal)
+    if (needed := PAIR_BYTES * (1 + controls) * len(states)) > MOST_BYTES:
+        raise ValueError(
+            f"controls={controls}: {len(states):,} states of {split} take about "
+            f"{needed / 1e9:.0f} GB, more than {MOST_BYTES / 1e9:.0f}: give fewer controls"
+        )
     actions = _everywhere(player, arrays, states, episodes)
     counts = counted_actions(player, arrays, episodes)[states]
     visited: NDArray[np.bool_] = counts.sum(axis=1) > 0

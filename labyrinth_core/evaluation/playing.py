@@ -280,8 +280,9 @@ def step_through(player: Player, arrays: LabyrinthArrays, episodes: int) -> Epis
     """Return the results of `episodes` episodes in each of L labyrinths, shape (episodes, L).
 
     Args:
-        player: The policy. If it remembers, it is still shown the final states of finished
-            episodes, and its answers there are ignored.
+        player: The policy. If it remembers and does not take the numbers of the episodes that go
+            on, it is still shown the final states of finished ones, and its answers there are
+            ignored.
         arrays: The labyrinths.
         episodes: The number of episodes in each labyrinth.
 
@@ -364,4 +365,8 @@ def _begun(player: Player, arrays: LabyrinthArrays, count: int) -> Choose:
     if player.reset is None:
         return lambda state, running: decide(player.act, arrays.observations[state[running]])
     asked(player.reset, count)
+    if player.numbered:
+        return lambda state, running: decide(
+            player.act_in(running), arrays.observations[state[running]]
+        )
     return lambda state, running: decide(player.act, arrays.observations[state], running)

@@ -13,7 +13,12 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import named_file, read_json, write_text
-from labyrinth_core.evaluation.description import Description, Judgement, TrainedRun
+from labyrinth_core.evaluation.description import (
+    Description,
+    Judgement,
+    Origin,
+    TrainedRun,
+)
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.playing import OUTCOMES
@@ -25,6 +30,7 @@ from labyrinth_core.evaluation.results_form import (
     JUDGEMENT,
     KIND,
     METHOD,
+    ORIGIN,
     RUN,
     receipt_in,
     refuse,
@@ -94,6 +100,9 @@ class Results:
     """The description of the policy in the file that was read; None for new results."""
     judged: Judgement | None = None
     """What the judge of a season signs; None for other results."""
+    policy: Origin | None = None
+    """The files of the policy if `open_policy` opened it and neither `run` nor `judged` names
+    them."""
     memorised: Receipt | None = None
     """Whether the policy follows its own train; None if that was not asked."""
 
@@ -218,7 +227,8 @@ class Results:
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in content["baselines"].items():
             check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        judged, asked = content.get("judged"), content.get("memorised")
+        judged, policy = content.get("judged"), content.get("policy")
+        asked = content.get("memorised")
         found = cls(
             dataset=about["source"],
             revision=about["revision"],
@@ -233,6 +243,7 @@ class Results:
             run=run,
             method=Description(**taken(content["method"], METHOD)),
             judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
+            policy=None if policy is None else Origin(**taken(policy, ORIGIN)),
             memorised=None if asked is None else receipt_in(asked, splits, rules.cells),
         )
         if known is not None and known.fingerprint == found.fingerprint:
@@ -264,6 +275,7 @@ class Results:
         """Return what `save` writes, in plain types."""
         run = {} if self.run is None else {"run": asdict(self.run)}
         judged = {} if self.judged is None else {"judged": asdict(self.judged)}
+        policy = {} if self.policy is None else {"policy": asdict(self.policy)}
         memorised = {} if self.memorised is None else {"memorised": asdict(self.memorised)}
         return {
             "kind": KIND,
@@ -278,6 +290,7 @@ class Results:
             "evaluated": {name: getattr(self, name) for name in EVALUATED},
             **run,
             **judged,
+            **policy,
             **memorised,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},

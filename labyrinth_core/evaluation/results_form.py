@@ -47,7 +47,7 @@ from labyrinth_core.evaluation.schema import (
 )
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.pictures.observations import OBSERVATIONS
+from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.world.labyrinth import Task
 
 KIND = "labyrinth-results"
@@ -86,7 +86,7 @@ INTERVALS = {"sr_interval": "sr", "aer_interval": "aer"}
 version, which resampled."""
 
 EVALUATED = {
-    "observation": Text("|".join(OBSERVATIONS)),
+    "observation": Text("|".join(["image", *KINDS])),
     "image_size": Maybe(_COUNTED),
     "way": Text("look-ups|steps"),
     "episodes": _COUNTED,
@@ -153,6 +153,13 @@ RUN = {
     "as_tried": Maybe(Named(_SPLIT_NAME, Named(_WORD, Number()))),
 }
 """The shape of a `TrainedRun`."""
+
+ORIGIN = {
+    "source": Text(r"(?s).{1,300}"),
+    "commit": Maybe(Text(r"[0-9a-f]{40}")),
+    "files": Named(_WORD, _HASH),
+}
+"""The shape of an `Origin`."""
 
 JUDGEMENT = {
     "season": _WORD,
@@ -282,6 +289,8 @@ def rules_of(content: Any) -> Rules:
                 raise ValueError(f"it.{name} is {value!r:.60}, but {right!r:.60} by it.run")
     if "judged" in content:
         check_shape(content["judged"], JUDGEMENT, "it.judged")
+    if "policy" in content:
+        check_shape(content["policy"], ORIGIN, "it.policy")
     config, episodes = content["dataset"]["config"], evaluated["episodes"]
     size, _, task = config.partition("-")
     height, width = parse_size(size)

@@ -34,6 +34,10 @@ FIRST_SEED = 2**62
 COMPARED = 2**20
 """The largest number of pairs of states that are compared at once; they take about 50 MB."""
 
+ENTRIES = 2**23
+"""The largest number of entries of demonstrated states that are compared at once, 32 MB, or as many
+as those of one training set."""
+
 SOFTNESS = 2.0
 """The number of differences that divides the weight of a demonstrated state by e, in `likely`."""
 
@@ -111,19 +115,38 @@ def compared(
     """Yield some of the states, the demonstrated states that may be their twins, and differences.
 
     The first two are numbers in `states`, shape (A,), and in `sets`, shape (B,). The last is the
-    number of entries in which their vectors differ, shape (A, B).
+    number of entries in which their vectors differ, shape (A, B). All candidates that a training
+    set has for a state come together.
     """
     batch = Labyrinths.of(arrays.labyrinths)
     tiles = tile_count(batch.task)
+    length = _vectors(batch, np.array([0]), np.array([0])).size
     here = arrays.state[states]
     for state in np.unique(here).tolist():
-        asked, shown = np.flatnonzero(here == state), np.flatnonzero(sets.state == state)
-        if len(shown):
+        asked = np.flatnonzero(here == state)
+        for shown in _in_blocks(np.flatnonzero(sets.state == state), sets.train, length):
             theirs = _vectors(sets.labyrinths, sets.labyrinth[shown], sets.state[shown])
             for some in np.array_split(asked, ceil(len(asked) * len(shown) / COMPARED)):
                 which = states[some]
                 ours = _vectors(batch, arrays.labyrinth[which], arrays.state[which])
                 yield some, shown, _differences(ours, theirs, tiles)
+
+
+def _in_blocks(
+    numbers: NDArray[np.int64], train: NDArray[np.int64], length: int
+) -> Iterator[NDArray[np.int64]]:
+    """Yield numbers of demonstrated states in blocks of whole training sets.
+
+    Args:
+        numbers: The numbers, ascending.
+        train: The training set of each demonstrated state.
+        length: The number of entries of a vector.
+    """
+    trains = np.unique(train[numbers])
+    count = min(len(trains), ceil(len(numbers) * length / ENTRIES))
+    for some in np.array_split(trains, count) if count else ():
+        first, last = np.searchsorted(train[numbers], [some[0], some[-1] + 1])
+        yield numbers[first:last]
 
 
 def _vectors(
@@ -191,11 +214,12 @@ class Twins:
 
         It is nan where this set has no twin, or no other set has one.
         """
-        has = ~np.isnan(self.shown[:, :, :1])
-        others = has.sum(axis=0) - has
-        total = np.nansum(self.shown, axis=0, dtype=np.float64) - self.shown
-        consensus: NDArray[np.float32] = np.where(others > 0, total / np.maximum(others, 1), np.nan)
-        return consensus.astype(np.float32)
+        total = np.nansum(self.shown, axis=0, dtype=np.float64)
+        others = (~np.isnan(self.shown[:, :, :1])).sum(axis=0) - 1
+        consensus = np.empty_like(self.shown)
+        for mean, shown in zip(consensus, self.shown, strict=True):
+            mean[:] = np.where(others > 0, (total - shown) / np.maximum(others, 1), np.nan)
+        return consensus
 
     def excess(self, actions: NDArray[np.floating]) -> NDArray[np.float64]:
         """Return how much more a policy follows each set than the consensus of the others explains.
@@ -207,9 +231,11 @@ class Twins:
         Returns:
             The excess in each state, shape (sets, N); nan without a twin.
         """
-        followed = actions.astype(np.float32) - self.consensus
-        followed *= self.shown - self.consensus
-        excess: NDArray[np.float64] = followed.sum(axis=2, dtype=np.float64)
+        excess = np.empty(self.likely.shape)
+        each = np.broadcast_to(actions.astype(np.float32), self.shown.shape)
+        for train, usual in enumerate(self.consensus):
+            followed = (each[train] - usual) * (self.shown[train] - usual)
+            excess[train] = followed.sum(axis=1, dtype=np.float64)
         return excess
 
     def others(self) -> NDArray[np.float32]:

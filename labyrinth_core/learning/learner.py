@@ -224,12 +224,15 @@ class Learner(ABC):
                 several states at once. None for all states.
         """
         given = states or (np.arange(len(self.problem.observations)),)
-        return torch.cat(
-            [
-                outputs_of(network, self.see(*(each[part] for each in given)))
-                for part in parts_of(len(given[0]), BATCH)
-            ]
-        )
+        found = torch.empty(0)
+        for part in parts_of(len(given[0]), BATCH):
+            some = outputs_of(network, self.see(*(each[part] for each in given)))
+            if not len(found):
+                found = some.new_empty((len(given[0]), *some.shape[1:]))
+            # Thousands of small results, if kept, would lie between the large blocks of the batches
+            # and keep their memory from being used again: at 25x25 half a megabyte for each batch.
+            found[part[0] : part[-1] + 1] = some
+        return found
 
     def batches(self, count: int) -> list[NDArray[np.int64]]:
         """Return the numbers from 0 to `count` - 1 in random order, split into batches."""

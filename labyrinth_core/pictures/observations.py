@@ -55,9 +55,3 @@ KINDS = {
     "text": Kind(describe),
 }
 """Name -> kind. Pictures, which also depend on options, are drawn by `scenes`."""
-
-OBSERVATIONS = ("image", *KINDS)
-"""The observations that loading and evaluation offer."""
-
-PLAYED = ("image", *(name for name, kind in KINDS.items() if kind.bounds), "state")
-"""The observations of environments; `state` is the index of the state."""

@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.location import HUB_ID
+from labyrinth_core.data.storage import file_sha256, read_json
 from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.record import SUMS, listed, read_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 
@@ -26,7 +26,13 @@ if TYPE_CHECKING:
     from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
 
 PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
-MOST_BYTES: Mapping[str, int] = {**PUBLISHED, RECORD: 1 << 26, POLICY: 1 << 28, GRAPH: 1 << 28}
+MOST_BYTES: Mapping[str, int] = {
+    **PUBLISHED,
+    RECORD: 1 << 26,
+    POLICY: 1 << 28,
+    GRAPH: 1 << 28,
+    SUMS: 1 << 20,
+}
 """The size limit of each file, in bytes; the weights of the largest network here take 46 MB."""
 
 _UNREADABLE = (OSError, ValueError, RecursionError)
@@ -82,30 +88,25 @@ def located(
     if folder.is_dir():
         if revision is not None:
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        _require_listed(folder, PUBLISHED)
         return folder
     if not HUB_ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
-    from huggingface_hub import hf_hub_download
+    from labyrinth_core.data import hub
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
+    names = [*names]
+    folder = hub.fetched(str(source), revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
+    _require_listed(folder, names)
+    return folder
 
-    prepare_client()
 
-    def download(name: str, **options: Any) -> Any:
-        return hf_hub_download(str(source), name, revision=revision, **options)
-
-    try:
-        for name in names:  # Check all sizes before any download.
-            check_size(f"{source}: {name}", name, download(name, dry_run=True).file_size)
-        folders = {Path(download(name)).parent for name in names}
-    except DatasetError:
-        raise
-    except UNAVAILABLE as error:
-        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
-        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    if len(folders) > 1:
-        raise DatasetError(f"{source} has changed while it was downloaded: load it again")
-    return folders.pop()
+def _require_listed(folder: Path, names: Iterable[str]) -> None:
+    """Raise DatasetError if a file of a policy has another hash than in the folder's list."""
+    for name in names:
+        path, hashes = folder / name, listed(folder / SUMS, name)
+        if hashes and path.exists() and file_sha256(path) not in hashes:
+            again = "download it again" if name in PUBLISHED else "train it again"
+            raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
 
 
 def check_size(place: object, name: str, size: int) -> None:

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import platform
 import re
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
 from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
 from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.version import __version__
 
 FORMAT = 1
+SUMS = "SHA256SUMS"
+"""The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
 _CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
 _LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
@@ -41,8 +47,8 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     path, weights = folder / RECORD, folder / POLICY
     again = "stages=train overwrite=true makes it again"
     try:
-        listed = _listed(folder / "SHA256SUMS", RECORD)
-        if listed and file_sha256(path) not in listed:
+        expected = listed(folder / SUMS, RECORD)
+        if expected and file_sha256(path) not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
         content = read_json(path)
@@ -65,7 +71,35 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     return dict(content)
 
 
-def _listed(sums: Path, name: str) -> list[str]:
+def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
+    """Return the training run in a folder, as results describe it; its policy runs on `device`.
+
+    Raises:
+        DatasetError: The folder holds no finished run, or one of its files is damaged.
+    """
+    record = read_run(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    made = record["run"]
+    return TrainedRun(
+        method=TrainedRun.title_of(made["method"]),
+        **taken(made, (*_CHOSEN, *_LEARNT_FROM)),
+        training=taken(record, ("epochs", "seconds", "selected", "computed")),
+        evaluated={
+            "device": device,
+            "versions": training_versions(),
+            "weights": record["files"][POLICY],
+        },
+    )
+
+
+def training_versions() -> dict[str, str]:
+    """Return the versions of this package, of Python, and of the libraries that affect weights."""
+    libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
+    return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
+
+
+def listed(sums: Path, name: str) -> list[str]:
     """Return the hashes of a file in a list of hashes, which need not exist."""
     try:
         text = sums.read_text(encoding="utf-8", errors="replace")

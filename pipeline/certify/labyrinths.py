@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset import why_unavailable
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
+from labyrinth_core.data.location import why_unavailable
 from labyrinth_core.data.rows import each_read
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
@@ -156,12 +156,12 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     import yaml
     from datasets import load_dataset
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
+    from labyrinth_core.data import hub
 
-    prepare_client()
+    hub.prepare_client()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (*UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
+    except (*hub.UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
         reason = why_unavailable(source, error)
         if isinstance(error, yaml.YAMLError):
             reason = f"{source}: the front matter of its README.md cannot be read"

@@ -6,10 +6,7 @@ This module does not import torch, so that `labyrinth-datasets --help` stays qui
 from __future__ import annotations
 
 import re
-import sys
-from collections.abc import Callable
 from dataclasses import dataclass
-from importlib import import_module
 from importlib.util import find_spec
 from math import inf
 from pathlib import Path
@@ -105,9 +102,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     @property
     def method_title(self) -> str:
         """The method's name in tables: its class, or its module if the class is `Method`."""
-        module, _, name = self.method_name.partition(":")
-        found = name.rpartition(".")[2]
-        return module.rpartition(".")[2] if found in ("", "Method") else found
+        return RunName.title_of(self.method_name)
 
     @property
     def first_labyrinths(self) -> int | None:
@@ -131,9 +126,10 @@ NEEDS = ("matplotlib", "safetensors", "torch")
 
 def check_observation(name: str) -> None:
     """Raise a ConfigError if the library has no such observation."""
-    from labyrinth_core.pictures.observations import OBSERVATIONS
+    from labyrinth_core.pictures.observations import KINDS
 
-    check(name in OBSERVATIONS, f"observation={name}: choose one of {listed(OBSERVATIONS)}")
+    known = ("image", *KINDS)
+    check(name in known, f"observation={name}: choose one of {listed(known)}")
 
 
 def check_training(options: TrainingOptions) -> None:
@@ -170,38 +166,22 @@ def check_method(options: TrainingOptions) -> None:
     )
 
 
-def named(given: str, name: str, load: Callable[[str], Any] = import_module) -> Any:
+def named(given: str, name: str) -> Any:
     """Import and return the object `module:name`, from the working directory or as installed.
 
     Args:
         given: The option that names the object, as typed, for the error message.
         name: The module and, after a colon, the name in it, which may have dots.
-        load: Imports a module.
 
     Raises:
         ConfigError: The module, or the name in it, does not exist.
     """
-    from labyrinth_core.evaluation.answers import PolicyError
+    from labyrinth_core.policies.opening import PolicyNameError, imported
 
-    module, _, attribute = name.partition(":")
-    here = str(Path.cwd())
-    if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.
-        sys.path.insert(0, here)
     try:
-        found = load(module)
-    except (ModuleNotFoundError, PolicyError) as error:
-        cause = error.__cause__ or error
-        missing = isinstance(cause, ModuleNotFoundError) and cause.name
-        if not (missing and f"{module}.".startswith(f"{missing}.")):
-            raise
-        reason = f"there is no module {missing}, neither in {here} nor installed"
-        raise ConfigError(f"{given}: {reason}") from error
-    for part in attribute.split("."):
-        if not hasattr(found, part):
-            known = listed([each for each in vars(found) if not each.startswith("_")])
-            raise ConfigError(f"{given}: there is no {part}, only {known}")
-        found = getattr(found, part)
-    return found
+        return imported(name)
+    except PolicyNameError as error:
+        raise ConfigError(f"{given}: {error}") from error
 
 
 def check_run(run: RunName, observation: str) -> None:

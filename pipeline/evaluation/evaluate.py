@@ -6,25 +6,29 @@ gets the folder `<run_dir>/<config>/<name>`. Nothing is selected or trained here
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from labyrinth_core import Dataset, PolicyError
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.description import FRESH
+from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.memorised import receipt_of
 from labyrinth_core.evaluation.playing import attempts
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import shortest_route
-from pipeline.config.errors import ConfigError
-from pipeline.config.options import source_of
+from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
-from pipeline.evaluation.named import INSTEAD, OTHER_RUNS, Judged, judge_named
+from pipeline.evaluation.named import Named, find_policy
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, say_once
+from pipeline.machinery.console import say, say_once, tracked
 from pipeline.machinery.folders import within
 
 ATTEMPTS = "attempts"
@@ -32,7 +36,7 @@ ATTEMPTS = "attempts"
 
 
 def run(job: Job[EvaluateOptions]) -> None:
-    """Evaluate the policy of a job, or the one that `policy` names.
+    """Evaluate the policy of a run, or the one that `policy` names.
 
     Raises:
         ConfigError: The policy or the device does not exist, or an option is not allowed.
@@ -40,71 +44,92 @@ def run(job: Job[EvaluateOptions]) -> None:
             dataset or a split is missing.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    if job.options.policy:
-        judged = judge_named(job)
-    else:
-        from pipeline.evaluation.trained import judge_trained  # It imports torch.
-
-        judged = judge_trained(job)
+    named = find_policy(job)
+    results = results_of(job, named)
     if job.options.evaluation.memorised:
-        judged = _with_receipt(job, judged)
-    path, files = judged.path, {judged.path.name: judged.results.to_text(judged.about).encode()}
+        results = _with_receipt(job, named.shown, results)
+    path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
     overwrite = job.options.overwrite
-    instead = INSTEAD if job.options.policy else OTHER_RUNS
-    leave(path.parent, files, key=judged.key, overwrite=overwrite, instead=instead)
+    leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
     if job.options.evaluation.gifs:
         folder = path.parent / ATTEMPTS
-        pictures = _pictures(judged, job.options.evaluation.gifs, job.dataset.seed)
+        pictures = _pictures(named.shown, results, job.options.evaluation.gifs, job.dataset.seed)
         leave(within(path.parent, ATTEMPTS), pictures, overwrite=overwrite)
         say(f"{folder} has {len(pictures)} animated GIFs.")
-    say(f"{judged.about.name}\n{judged.results.tables()}\n")
-    if judged.results.memorised:
-        say(f"{judged.results.memorised}\n")
-    for part in judged.results.legend():
+    say(f"{named.about.name}\n{results.tables()}\n")
+    if results.memorised:
+        say(f"{results.memorised}\n")
+    for part in results.legend():
         say_once(part)
     say(str(path))
 
 
-def _with_receipt(job: Job[EvaluateOptions], judged: Judged) -> Judged:
+def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results) -> Results:
     """Add to results whether the policy follows the labyrinths of train it has learnt from.
 
     It is asked in test, or in validation if it is evaluated there alone.
 
     Raises:
-        ConfigError: The dataset, or its number of labyrinths, allows no answer.
+        ConfigError: The dataset, or its number of labyrinths, allows no answer, or the policy has
+            not learnt from train of this dataset.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    asked = job.options.evaluation
-    split = "test" if "test" in judged.results.splits else "validation"
-    data = Dataset.of(source_of(job), job.dataset.name, job.options.revision)
+    asked, run = job.options.evaluation, shown.run
+    given = f"evaluation.memorised={asked.memorised}"
+    if run is not None:
+        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != FRESH
+        check(own, f"{given}: {run.name} has not learnt from train of {shown.data.source}")
+    split = "test" if "test" in results.splits else "validation"
+    learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
         receipt = receipt_of(
-            judged.player,
-            judged.load(split),
-            data,
+            shown.player,
+            shown.load(split),
+            shown.data,
             split=split,
             controls=asked.memorised or 0,
-            train_labyrinths=job.options.first_labyrinths,
+            train_labyrinths=learnt,
             episodes=asked.episodes,
         )
     except (DatasetError, PolicyError):
         raise
     except ValueError as error:
-        raise ConfigError(f"evaluation.memorised={asked.memorised}: {error}") from error
-    return judged._replace(results=replace(judged.results, memorised=receipt))
+        raise ConfigError(f"{given}: {error}") from error
+    return replace(results, memorised=receipt)
 
 
-def _pictures(judged: Judged, count: int, seed: int) -> dict[str, bytes]:
+def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results:
+    """Play all episodes of a policy, the one of the job if none is given; return its results."""
+    named = named or find_policy(job)
+    shown, asked = named.shown, job.options.evaluation
+    splits: Sequence[str] | None = asked.splits or None
+    if shown.run is not None:
+        splits = (*EVALUATED_SPLITS, *shown.data.manifest.config.shifts)
+    results = shown.results(
+        splits,
+        asked.episodes,
+        trained_on=named.trained_on,
+        follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
+    )
+    if named.as_tried is None or results.run is None:
+        return results
+    tried = {split: named.as_tried(split) for split in results.splits}
+    rates = ", ".join(f"{split} {figures['sr']:.0%}" for split, figures in tried.items())
+    say(f"Evaluated as in the code of protocol={results.run.protocol}: {rates}")
+    return replace(results, run=replace(results.run, as_tried=tried))
+
+
+def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dict[str, bytes]:
     """Return GIFs of episodes in test, or in the first split evaluated; unsolved ones first.
 
     Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
-    splits = judged.results.splits
+    splits = results.splits
     split = "test" if "test" in splits else next(iter(splits))
     solved = np.atleast_2d(splits[split].episodes.solved).min(axis=0)
     chosen = np.argsort(solved, kind="stable")[:count].tolist()
     pictures = {}
-    for episode in attempts(judged.player, judged.load(split), chosen):
+    for episode in attempts(shown.player, shown.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])

@@ -1,61 +1,84 @@
-"""Evaluate the policy named by `policy=...`: a Python object `module:name`, or a published policy.
+"""Find the policy that the stage evaluates, and the place of its results.
 
-This module does not import torch, which a user's own policy may not need.
+A policy that no run trained needs no torch, so this module does not import it.
 """
 
 from __future__ import annotations
 
-import inspect
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from importlib import import_module
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-from labyrinth_core import evaluate
+from labyrinth_core import open_policy
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player, PolicyError, asked, fitted
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
-from labyrinth_core.evaluation.results import RESULTS, Results
-from labyrinth_core.policies.load import load_policy
+from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.policies.opening import PolicyNameError
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.config.training import named
-from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions
+from pipeline.config.training import training_folder
+from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
 from pipeline.machinery.artifact import Key, Sums
 from pipeline.machinery.dataset import dataset_of
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
 
-class Judged(NamedTuple):
-    """A policy and its results."""
+@dataclass(frozen=True)
+class Named:
+    """A policy to evaluate."""
 
     about: Description
-    player: Player
-    """The policy, wrapped for evaluation."""
-    load: Callable[..., LabyrinthArrays]
-    """Returns the labyrinths of a split with the policy's observation."""
-    results: Results
+    shown: Evaluation
+    """The policy, with the dataset that it is evaluated on."""
     path: Path
     """The file for the results."""
     key: Key
     """Identifies the run or the policy that the folder of the results belongs to."""
+    trained_on: Callable[[], Dataset] | None = None
+    """Returns the dataset that the run learnt from; None for policies that no run trained."""
+    as_tried: Callable[[str], dict[str, float]] | None = None
+    """Returns the figures of a split by the rules of the run's protocol, if it has its own."""
+
+    @property
+    def instead(self) -> str:
+        """What to change if the results may not be written to `path`."""
+        return INSTEAD if self.shown.run is None else OTHER_RUNS
 
 
-def judge_named(job: Job[EvaluateOptions]) -> Judged:
-    """Evaluate the policy that the option `policy` names, and return its results.
+def find_policy(job: Job[EvaluateOptions]) -> Named:
+    """Return the policy of the option `policy`, or of the run that the other options describe.
+
+    The folder of a run stands for the run: its results are those of the run, unless an option
+    `evaluation.*` describes the policy in another way.
 
     Raises:
-        ConfigError: The policy does not exist, or an option is not allowed.
-        DatasetError: The policy or the dataset cannot be read, or a split is missing.
-        PolicyError: The policy fails, returns no actions, or does not support these labyrinths.
+        ConfigError: The policy or the device does not exist, or an option is not allowed.
+        DatasetError: The run is not finished or another one, or a policy or a dataset cannot be
+            read, or results of something else are where the new ones belong.
+        PolicyError: The policy raises an error, or cannot be shown these labyrinths.
     """
-    options, asked = job.options, job.options.evaluation
-    name = asked.name.strip() or Path(options.policy).name
+    found = _of_options(job) if not job.options.policy else _by_name(job)
+    own = Sums.read(found.path.parent, overwrite=job.options.overwrite)
+    own.require_free({found.path.name: b""}, found.key, job.options.overwrite, found.instead)
+    return found
+
+
+def _by_name(job: Job[EvaluateOptions]) -> Named:
+    options = job.options
+    data = dataset_of(job)  # Its error says how to make a dataset that is missing.
+    policy = opened(options.policy)
+    if getattr(policy, "run", None) is not None and not described_by(options.evaluation):
+        own = partial(Dataset, policy.run.dataset, policy.run.config, policy.run.revision)
+        return _of_run(job, Path(options.policy).expanduser(), data, own)
+    asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / RESULTS
     if not asked.name and path.with_name(RECORD).exists():  # A run keeps its own results there.
@@ -63,48 +86,67 @@ def judge_named(job: Job[EvaluateOptions]) -> Judged:
         path = runs / _as_file_name(name) / RESULTS
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
-    data = dataset_of(job)  # Its error says how to make a dataset that is missing.
-    config = data.manifest.config
-    key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": data.fingerprint}
-    require_free(path, key, job)
-    policy = named_policy(options.policy)
     # "image" is the option's default, so it does not say what the policy observes.
     observation = None if options.observation == "image" else options.observation
     try:
-        about = _description(name, asked)  # Checked first, as the evaluation may take long.
-        policy, spec = fitted(
+        about = _description(name, asked)
+        shown = Evaluation.of(
             policy,
-            config.height,
-            config.width,
-            config.task,
+            data,
             observation=observation,
             image_size=asked.image_size,
+            seed=job.dataset.seed,
         )
     except PolicyError:
         raise
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    results = evaluate(
-        policy,
-        data,
-        observation=spec.observation,
-        image_size=spec.image_size,
-        episodes=asked.episodes,
-        seed=job.dataset.seed,
-        splits=asked.splits or None,
-    )
-
-    def load(split: str) -> LabyrinthArrays:
-        return arrays_in(data[split], spec)
-
-    return Judged(about, Player.of(policy, job.dataset.seed), load, results, path, key)
+    key = {"policy": options.policy.rstrip("/"), "name": name, "fingerprint": data.fingerprint}
+    return Named(about, shown, path, key)
 
 
-def require_free(path: Path, key: Key, job: Job[EvaluateOptions]) -> None:
-    """Raise a DatasetError if results may not be written to `path`."""
-    overwrite, instead = job.options.overwrite, INSTEAD if job.options.policy else OTHER_RUNS
-    own = Sums.read(path.parent, overwrite=overwrite)
-    own.require_free({path.name: b""}, key, overwrite, instead)
+def _of_options(job: Job[EvaluateOptions]) -> Named:
+    """Return the policy of the run that the options describe, on its dataset or `evaluate_on`."""
+    from pipeline.evaluation.trained import require_run  # It imports torch.
+
+    folder, options, trained_on = training_folder(job), job.options, partial(dataset_of, job)
+    fingerprint = require_run(job, folder)
+    if options.evaluate_on:
+        source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
+        return _of_run(job, folder, Dataset(source, name), trained_on)
+    data = dataset_of(job, options.first_labyrinths)
+    if data.fingerprint != fingerprint:
+        raise DatasetError(
+            f"{folder} was trained on another dataset than {data.source}: their fingerprints are "
+            f"{fingerprint:.8} and {data.fingerprint:.8}; policy={folder} evaluates it on that "
+            "dataset anyway"
+        )
+    return _of_run(job, folder, data, trained_on)
+
+
+def _of_run(
+    job: Job[EvaluateOptions], folder: Path, data: Dataset, trained_on: Callable[[], Dataset]
+) -> Named:
+    """Return the policy of a run, with the place of its results in the folder of the run."""
+    from pipeline.evaluation.trained import show
+
+    shown, key, as_tried = show(job, folder, data)
+    run, path = shown.run, folder / RESULTS
+    assert run is not None  # The results are those of the run.
+    if run.fingerprint != data.fingerprint:
+        path = path.with_stem(f"{path.stem}-{data.config}-{data.fingerprint:.8}")
+    return Named(Description(run.name), shown, path, key, trained_on, as_tried)
+
+
+def opened(name: str) -> Any:
+    """Return the policy that the option `policy` names; raise a ConfigError if it has no such form.
+
+    For the other errors see `open_policy`.
+    """
+    try:
+        return open_policy(name)
+    except PolicyNameError as error:
+        raise ConfigError(f"policy={name}: {error}") from error
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:
@@ -117,40 +159,3 @@ def _description(name: str, asked: EvaluationOptions) -> Description:
 def _as_file_name(name: str) -> str:
     """Return a name that is safe in file systems and shells."""
     return re.sub(r"[^\w.-]+", "-", name).strip("-.") or "policy"
-
-
-def named_policy(name: str) -> Any:
-    """Load a policy by its name.
-
-    Args:
-        name: `module:name` in an installed module or the working directory, which is a policy, or a
-            class or function without arguments that makes one; the folder of a run or of a
-            published policy; an id on the Hub, as `user/planner-5x5` or `user/planner-5x5@1.0.0`.
-
-    Raises:
-        ConfigError: The module or the name does not exist, or a folder is given with a revision.
-        DatasetError: The policy of a job, or a published one, cannot be read.
-        PolicyError: The module, the class or the function raises an error.
-    """
-    if ":" not in name:
-        source, _, revision = name.partition("@")
-        is_folder = Path(source).expanduser().is_dir()
-        if is_folder and revision:
-            raise ConfigError(f"policy={name}: {source} is a folder, which has no revisions")
-        if "/" not in source and not is_folder:
-            allowed = "neither a folder nor an id such as user/planner-5x5"
-            raise DatasetError(f"{source} is {allowed}: a policy in Python is module:name")
-        return load_policy(source, revision=revision or None)
-    found = named(f"policy={name}", name, partial(asked, import_module))
-    return asked(found) if _makes_one(found) else found
-
-
-def _makes_one(found: Any) -> bool:
-    """Return whether an object is a class or a function without arguments that makes a policy."""
-    if inspect.isclass(found):
-        return True
-    if not inspect.isroutine(found):
-        return False
-    parameters = inspect.signature(found).parameters.values()
-    variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
-    return not any(each.default is each.empty and each.kind not in variable for each in parameters)

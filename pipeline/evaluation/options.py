@@ -75,12 +75,12 @@ class EvaluateOptions(TrainingOptions, OverwriteOption):
 
     policy: str = option(
         "",
-        "policy to evaluate instead of the trained one: module:name, a folder, or an id on the "
-        "Hub such as user/planner-5x5@1.0.0",
+        "policy to evaluate: the folder of a run or of a published policy, an ONNX graph, an id on "
+        "the Hub such as user/planner-5x5@1.0.0, or module:name",
         like=(
             r"([\w.]+:[\w.]+|(?!.*\.zip$)[^@:\x00-\x1f]+(@[\w./-]+)?)?",
-            "module:name, the folder of a run or of a published policy, or an id on the Hub, with "
-            "@ and a revision if it is not main",
+            "module:name, the folder of a run or of a published policy, an ONNX graph, or an id on "
+            "the Hub, with @ and a revision if it is not main",
         ),
     )
     evaluate_on: str = option(
@@ -126,13 +126,18 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
 def check_unnamed(evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option that only `policy` has is given without it."""
     check_options(evaluation, EvaluationOptions, "evaluation.")
-    for each in fields(evaluation):
-        value = getattr(evaluation, each.name)
+    for name in described_by(evaluation):
         check(
-            value == each.default or each.name in ("gifs", "memorised"),
-            f"evaluation.{each.name} is for policy=...: a trained run is evaluated under its own "
+            False,
+            f"evaluation.{name} is for policy=...: a trained run is evaluated under its own "
             "name, on all splits",
         )
+
+
+def described_by(evaluation: EvaluationOptions) -> list[str]:
+    """Return the options given that describe a policy as another one than a trained run."""
+    given = (each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default)
+    return [each.name for each in given if each.name not in ("gifs", "memorised")]
 
 
 def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, ...]:  # noqa: ARG001

@@ -33,7 +33,6 @@ from labyrinth_core.data.storage import (
     size_and_time,
     temporary_beside,
     write_bytes,
-    write_text,
 )
 from labyrinth_core.language.collection import is_litter
 from labyrinth_core.language.source_text import printable_line
@@ -124,7 +123,11 @@ class Sums:
 
     def write(self) -> None:
         """Write the list atomically."""
-        write_text(self.folder / HASHES, self._text())
+        write_bytes(self.folder / HASHES, self.content())
+
+    def content(self) -> bytes:
+        """Return the content of the list."""
+        return self._text().encode()
 
     def _text(self, *, with_hash: bool = True) -> str:
         """Return the list, with a hash of itself; those of releases and old versions have none."""

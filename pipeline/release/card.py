@@ -6,38 +6,36 @@ give the same bytes.
 
 from __future__ import annotations
 
+import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
 import yaml
 
+from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
+from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.inspection.statistics import DatasetStatistics, read_analysis, statistics_of
 from pipeline.machinery.artifact import Sums
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import BANNER, FIGURES, PICTURES, banner, picture_path
-from pipeline.release.files import (
-    CHANGELOG,
-    CITATION,
-    CROISSANT,
-    README,
-    files_of_companions,
-    write_hashes,
-)
 from pipeline.release.texts import Release, fill, read
+
+README, CHANGELOG = "README.md", "CHANGELOG.md"
+CROISSANT, CITATION = "croissant.json", "CITATION.cff"
 
 NAME = "Labyrinth"
 """The name of the dataset, unless its card has another."""
@@ -81,42 +79,75 @@ def run(job: Job[WorkOptions]) -> None:
     say(f"{job.data_dir / README} describes {', '.join(dataset.name for dataset in datasets)}.")
 
 
+@dataclass(frozen=True)
+class Card:
+    """The card of a folder of datasets, ready to be written."""
+
+    datasets: list[DatasetStatistics]
+    files: Mapping[str, bytes]
+    """The files of the card, but SHA256SUMS."""
+    sums: Sums
+    """The list of all files that a release of the folder has."""
+    own: Sums
+    """The list that is there."""
+    others: list[str]
+    """The files of a user under names of the card, which are not replaced."""
+
+    def write(self) -> None:
+        """Write the card; SHA256SUMS comes last.
+
+        Raises:
+            DatasetError, OSError: The folder has a link in the place of a folder of ours, or cannot
+                be written.
+        """
+        self.own.replace(self.files, gone=_gone(self.own, self.files))
+        self.sums.write()
+        if self.others:
+            reason = "because no card wrote them, or they were damaged or changed since"
+            names = ", ".join(self.others)
+            say(f"Not written, {reason}; overwrite=true replaces them: {names}.")
+
+
 def write_card(
+    data_dir: AnyPath, release: Release | None = None, *, workers: int = 1, overwrite: bool = False
+) -> list[DatasetStatistics]:
+    """Write the card of all finished datasets of a folder, and return their statistics.
+
+    The arguments and errors are those of `prepared_card`.
+    """
+    with prepared_card(data_dir, release, workers=workers, overwrite=overwrite) as card:
+        card.write()
+    return card.datasets
+
+
+@contextmanager
+def prepared_card(
     data_dir: AnyPath,
     release: Release | None = None,
     *,
     workers: int = 1,
     overwrite: bool = False,
-    first: Callable[[], None] = lambda: None,
-) -> list[DatasetStatistics]:
-    """Write the card of all finished datasets of a folder, and return their statistics.
-
-    Processes that write the README.md, such as a build of another size, do so one at a time, or
-    one of them would miss the other's dataset.
+    alone: bool = True,
+) -> Iterator[Card]:
+    """Yield the card of all finished datasets of a folder, after checking them.
 
     Args:
         data_dir: The folder.
         release: The release, if the card is for one.
         workers: The number of processes that read shards.
         overwrite: Whether to replace files that no card wrote, or that changed since.
-        first: Called after reading the datasets, before writing anything; it may raise.
+        alone: Whether other processes that write the README.md, such as a build of another size,
+            wait until the context ends, or one of them would miss the other's dataset.
 
     Raises:
         DatasetError: There is no dataset, one is damaged, two splits of one share a structure,
-            the README.md or SHA256SUMS is not ours or damaged, or a folder in it is a link.
-        OSError: The folder cannot be written.
+            or the README.md or SHA256SUMS is not ours or damaged.
     """
-    with held(data_dir, README):
-        return _write_card(data_dir, release or Release(), workers, overwrite, first)
+    with held(data_dir, README) if alone else nullcontext():
+        yield _prepared(data_dir, release or Release(), workers, overwrite)
 
 
-def _write_card(
-    data_dir: AnyPath,
-    release: Release,
-    workers: int,
-    overwrite: bool,
-    first: Callable[[], None],
-) -> list[DatasetStatistics]:
+def _prepared(data_dir: AnyPath, release: Release, workers: int, overwrite: bool) -> Card:
     values, text = front_matter.read(data_dir / README)
     own = Sums.read(data_dir, overwrite=overwrite)
     versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
@@ -138,12 +169,44 @@ def _write_card(
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
-    first()
-    write_hashes(own.replace(files, gone=_gone(own, files)), manifests)
-    if others:
-        reason = "because no card wrote them, or they were damaged or changed since"
-        say(f"Not written, {reason}; overwrite=true replaces them: {', '.join(others)}.")
-    return datasets
+    listed = _data(data_dir, manifests)
+    if release.version and not overwrite:
+        _require_as_listed(own, manifests, listed)
+    listed |= {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+    return Card(datasets, files, Sums(data_dir, made=frozenset(listed.items())), own, others)
+
+
+def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
+    """Return the SHA-256 of each manifest, shard, table and analysis, as the manifests give them.
+
+    The hashes of shards and tables have just been checked; what changes later does not match them.
+    """
+    listed: dict[str, str] = {}
+    for manifest in manifests:
+        folders = {manifest.config.name: manifest}
+        for kind in companions():
+            folders |= beside([manifest], kind)
+        for name, each in folders.items():
+            listed |= {f"{name}/{shard.path}": shard.sha256 for shard in each.shards}
+            listed[f"{name}/{MANIFEST}"] = file_sha256(data_dir / name / MANIFEST)
+        name = manifest.config.name
+        listed[f"{name}/{TABLE}"] = manifest.table.sha256
+        if read_analysis(Dataset.at(data_dir / name, manifest)):
+            listed[f"{name}/{ANALYSIS}"] = file_sha256(data_dir / name / ANALYSIS)
+    return listed
+
+
+def _require_as_listed(own: Sums, manifests: Sequence[Manifest], listed: Mapping[str, str]) -> None:
+    """Raise DatasetError for a manifest that was changed, while its shards are those listed."""
+    for name in (manifest.config.name for manifest in manifests):
+        of_config = {each: digest for each, digest in listed.items() if each.startswith(f"{name}/")}
+        changed = [each for each in of_config.items() if each not in own.hashes]
+        names = {each for each, _ in own.hashes}
+        if [each for each, _ in changed] == [f"{name}/{MANIFEST}"] and changed[0][0] in names:
+            raise DatasetError(
+                f"{own.folder / name / MANIFEST} has changed, though its shards have not: build "
+                "the dataset again, or give overwrite=true to publish it as it is"
+            )
 
 
 def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
@@ -170,7 +233,8 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are no longer drawn, and the files of companions that are gone."""
     drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
-    return [name for name in [*drawn, *files_of_companions()] if name not in files]
+    of_companions = [name for kind in companions() for name in kind.file_names]
+    return [name for name in [*drawn, *of_companions] if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:

@@ -13,10 +13,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from huggingface_hub import HfApi
-
-from labyrinth_core.data.dataset import local_folder
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import write_text
@@ -31,11 +29,10 @@ from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
-from pipeline.release.remote import LEROBOT, MINARI
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph
 
-KINDS = {"lerobot": LEROBOT, "minari": MINARI}
-"""Format -> the kind of its repository."""
+LIBRARIES = {"lerobot": "LeRobot", "minari": "Minari"}
+"""Format -> the library that an export is for."""
 
 NAMESPACE_METADATA = "namespace_metadata.json"
 """The file that marks a Minari group, and each group within a group."""
@@ -52,20 +49,20 @@ def loading(job: Job[PublishStageOptions]) -> str:
     return f"MINARI_REMOTE=hf://{owner} minari download {id_}"
 
 
-def stage_export(job: Job[PublishStageOptions], folder: Path, api: HfApi | None) -> None:
+def stage_export(job: Job[PublishStageOptions], folder: Path, *, is_unseen: bool) -> None:
     """Write all files of the repository of a run's export, exported files as symbolic links.
 
     Args:
         job: The dataset, the format and the splits.
         folder: The folder to write them in.
-        api: The Hub's client, or None, as for `published_dataset`.
+        is_unseen: As for `published_dataset`.
 
     Raises:
         ConfigError: The dataset has no such split.
         DatasetError: The export of a split is missing, damaged, or of another dataset or options.
         PublishError: The dataset is not on the Hub under the id that was given.
     """
-    asked, (commit, manifest) = job.options.export, _origin(job, api)
+    asked, (commit, manifest) = job.options.export, _origin(job, is_unseen)
     splits = tuple(dict.fromkeys(asked.splits)) or manifest.config.splits
     unknown = [name for name in splits if name not in manifest.config.splits]
     allowed = listed(manifest.config.splits)
@@ -81,13 +78,13 @@ def stage_export(job: Job[PublishStageOptions], folder: Path, api: HfApi | None)
     write_text(folder / "README.md", _card(job, manifest, records, commit))
 
 
-def _origin(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str | None, Manifest]:
+def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None, Manifest]:
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
     given = job.options.dataset is not None
     if job.options.publish.repo_id or (
         given and local_folder(source_of(job), job.dataset.name, None) is None
     ):
-        return published_dataset(job, api)
+        return published_dataset(job, is_unseen=is_unseen)
     return None, dataset_of(job).manifest
 
 
@@ -151,7 +148,7 @@ def _card(
     id_ = f"{group}/{job.dataset.name}/{split}-v{VERSION}"
     text = fill(
         "export.md",
-        library=KINDS[format_].library,
+        library=LIBRARIES[format_],
         config=job.dataset.name,
         size=first["image_size"],
         splits=table(("split", "holds", "episodes", "states"), rows, "llrr"),
@@ -176,7 +173,7 @@ def _front_matter(format_: str, split: str, licence: str, repo_id: str | None) -
         licence: The licence of the dataset.
         repo_id: The id of the dataset on the Hub, if it has one.
     """
-    library = KINDS[format_].library
+    library = LIBRARIES[format_]
     values: dict[str, Any] = {
         "license": licence,
         "pretty_name": f"Labyrinth, for {library}",

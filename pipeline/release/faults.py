@@ -1,69 +1,41 @@
-"""Errors of the Hugging Face Hub: which calls are retried, and what the user is told.
-
-The client retries some of its calls after a server error; the others are retried here.
-"""
+"""Errors of the Hub while publishing, in one line that says what to do."""
 
 from __future__ import annotations
 
 import os
-import time
-import traceback
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from json import JSONDecodeError
-from typing import TypeVar
 
-from huggingface_hub import constants, errors
-from huggingface_hub.errors import HfHubHTTPError, HTTPError  # type: ignore[attr-defined]
+from huggingface_hub import HfApi, constants, errors, get_token
+from huggingface_hub.errors import HfHubHTTPError
 
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError, one_line
-
-WAITS = (0.2, 1.0, 3.0)
-"""Seconds before each retry of a call, after a server or network error."""
-
-FAULTS = (HTTPError, JSONDecodeError)
-"""What the client raises for such an error; the second if it parses an error page as JSON."""
-
-UNUSABLE = (HTTPError, ConnectionError, errors.FileMetadataError)
-"""What the client alone raises for calls that cannot succeed."""
+from pipeline.machinery.console import say
 
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 """What the client raises, since version 1.19, if a job cannot prove its identity to the Hub."""
-
-Result = TypeVar("Result")
 
 
 class PublishError(DatasetError):
     """A release failed; the message has one line."""
 
 
-def is_passing(error: Exception) -> bool:
-    """Return whether a retry may succeed: after a network or server error, or a rate limit."""
-    status = status_of(error)
-    return status is None or status >= 500 or status in (408, 429)
-
-
-def repeated(
-    call: Callable[[], Result],
-    faults: tuple[type[Exception], ...] = FAULTS,
-    may_pass: Callable[[Exception], bool] = is_passing,
-) -> Result:
-    """Return the result of an idempotent call, retried after temporary errors."""
-    for seconds in WAITS:
-        try:
-            return call()
-        except faults as error:
-            if not may_pass(error):
-                raise
-        time.sleep(seconds)
-    return call()
-
-
-def status_of(error: Exception) -> int | None:
-    """Return the status of the Hub's answer, None if there was no answer."""
-    response = getattr(error, "response", None)
-    status: int | None = getattr(response, "status_code", None)
-    return status
+def is_unseen(api: HfApi, repo_id: str) -> bool:
+    """Return whether a dry run cannot query the Hub, such as without a token, and print why."""
+    reason = "" if get_token() else "there is no token"
+    try:
+        if not reason:
+            hub.repeated(lambda: api.repo_exists(repo_id))
+    except (*hub.UNAVAILABLE, NO_TOKEN) as error:
+        if not isinstance(error, hub.NotAHubError) and hub.status_of(error) is None:
+            reason = f"{constants.ENDPOINT} does not answer: {one_line(error)}"
+    if reason:
+        say(
+            f"cannot query the Hub ({reason}), so the plan is for a new repository; "
+            "scripts/local_hub starts a Hub on this machine, for rehearsals."
+        )
+    return bool(reason)
 
 
 @contextmanager
@@ -77,19 +49,10 @@ def explained(repo_id: str) -> Iterator[None]:
         yield
     except DatasetError:
         raise
-    except (*UNUSABLE, NO_TOKEN) as error:
-        raise PublishError(_explanation(error, repo_id)) from error
-    except (ValueError, RuntimeError) as error:  # A failed upload of contents raises the second.
-        if not _is_of_client(error):
+    except Exception as error:
+        if not isinstance(error, (hub.NotAHubError, NO_TOKEN)) and not hub.is_of_client(error):
             raise
         raise PublishError(_explanation(error, repo_id)) from error
-
-
-def _is_of_client(error: Exception) -> bool:
-    """Return whether the Hub's client, or code that it calls, raised an error."""
-    frames = traceback.walk_tb(error.__traceback__)
-    modules = (str(frame.f_globals.get("__name__", "")) for frame, _ in frames)
-    return any(module.partition(".")[0] == "huggingface_hub" for module in modules)
 
 
 def _explanation(error: Exception, repo_id: str) -> str:
@@ -98,13 +61,18 @@ def _explanation(error: Exception, repo_id: str) -> str:
     ):
         resource = os.environ.get("HF_OIDC_RESOURCE", "")
         return f"HF_OIDC_RESOURCE={resource}: the Hub gives this job no token: {one_line(error)}"
-    if isinstance(error, HfHubHTTPError):
-        status = status_of(error)
-        return reasons(repo_id).get(status, f"the Hub answers {status}: {one_line(error)}")
+    status = hub.status_of(error)
+    if status == 412:  # Not of a commit, which says what happened itself.
+        return hub.reason_of(error)
+    if status is not None:
+        return reasons(repo_id).get(status, hub.reason_of(error))
+    if isinstance(error, hub.NotAHubError):
+        return one_line(error)
+    if hub.is_not_of_a_hub(error):
+        return f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
     if isinstance(error, ValueError):
         return f"the Hub's client refuses: {one_line(error)}"
-    reason = one_line(error.__cause__ or error)
-    return f"{constants.ENDPOINT} does not answer as it should: {reason}"
+    return f"{constants.ENDPOINT} does not answer as it should: {hub.reason_of(error)}"
 
 
 def reasons(repo_id: str) -> dict[int | None, str]:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from huggingface_hub import EvalResult, HfApi, ModelCardData
-from huggingface_hub.errors import RevisionNotFoundError
+from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -35,9 +34,8 @@ from pipeline.config.stage import Job
 from pipeline.config.training import run_name, training_folder
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
-from pipeline.release.faults import PublishError, explained
+from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
-from pipeline.release.remote import DATASET, Remote
 from pipeline.release.texts import citation, code, fill, paragraph
 
 
@@ -65,28 +63,22 @@ class Trained:
         return self.job.options.dataset_on_hub[1] or self.commit
 
 
-def published_dataset(job: Job[PublishStageOptions], api: HfApi | None) -> tuple[str, Manifest]:
+def published_dataset(job: Job[PublishStageOptions], *, is_unseen: bool) -> tuple[str, Manifest]:
     """Return the commit and the manifest of the dataset on the Hub that a run names.
 
     Args:
         job: The options, and the dataset to make.
-        api: The Hub's client; None in a dry run that cannot reach the Hub: the dataset of
-            `data_dir` then replaces the one on the Hub, with a commit of zeros.
+        is_unseen: Whether a dry run cannot reach the Hub: the dataset of `data_dir` then replaces
+            the one on the Hub, with a commit of zeros.
 
     Raises:
-        PublishError: The Hub has no such revision, or refuses.
-        DatasetError: `data_dir` has no dataset to replace it.
+        DatasetError: The Hub has no such revision or refuses, or `data_dir` has no dataset.
     """
-    if api is None:
+    if is_unseen:
         return 40 * "0", Dataset.at(job.folder).manifest
     repo_id, revision = job.options.dataset_on_hub
-    with explained(repo_id):
-        try:
-            commit = Remote(api, repo_id, DATASET).commit(revision or "main")
-        except RevisionNotFoundError as error:
-            told = f"{repo_id} has no revision {revision}: publish the dataset first"
-            raise PublishError(told) from error
-        return commit, Dataset(repo_id, job.dataset.name, commit).manifest
+    found = Dataset(repo_id, job.dataset.name, revision)
+    return str(found.commit), found.manifest
 
 
 def stage_policy(
@@ -105,7 +97,7 @@ def stage_policy(
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
     source = training_folder(job)
-    results, made = _results(job, _known(job, commit, manifest))
+    results, made = _results(job, commit, manifest)
     _copy_weights(source, folder, made)
     policy = load_policy(source)
     write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
@@ -114,22 +106,25 @@ def stage_policy(
     write_text(folder / "README.md", _card(trained))
 
 
-def _results(job: Job[PublishStageOptions], known: KnownDataset) -> tuple[Results, TrainedRun]:
+def _results(
+    job: Job[PublishStageOptions], commit: str, manifest: Manifest
+) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and their description of the run."""
     folder = training_folder(job)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
-    results = Results.load(path, lambda _: known)
+    results = Results.load(path)
     made_by, named = results.run, (job.dataset.name, run_name(job).name, results.fingerprint)
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
         raise DatasetError(f"{path} belongs to another run: {anew}")
-    if known.fingerprint != made_by.fingerprint:
+    if manifest.fingerprint != made_by.fingerprint:
         raise PublishError(
             f"{folder} was trained on another dataset than {job.options.dataset_on_hub[0]}: their "
-            f"fingerprints are {made_by.fingerprint:.8} and {known.fingerprint:.8}"
+            f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
+    results = Results.load(path, lambda _: _known(job, commit, manifest))
     try:
         record = read_json(folder / RECORD)
         check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})

@@ -49,7 +49,7 @@ class PublishOptions:
     version: str = option(
         "",
         "tag of the release, such as 1.0.0",
-        like=(r"\d+\.\d+\.\d+", "three numbers, such as 1.0.0"),
+        like=(r"(0|[1-9]\d*)(\.(0|[1-9]\d*)){2}", "three numbers, such as 1.0.0"),
     )
     dry_run: bool = option(False, "only print what would be added, kept and deleted")
     private: bool = option(False, "make the repository private if it is created")

@@ -1,49 +1,37 @@
 """The stage `publish`: releases a dataset, its export, its environment and a policy on the Hub.
 
-Each has its own repository. A release is one atomic commit: plan, upload of the contents, one
-commit on a checked parent, verification of the commit from an empty cache, and last the tag. At
-every moment `main` holds either the old release or the new one, complete. Running the stage again
-completes an interrupted release, or prints that the release is done.
+Each is a folder of files with a README.md and a list of hashes, in a repository of its own. A
+dataset is released from `data_dir`, where its card is written first; the others are staged in a
+temporary folder. `hub` releases them.
 """
 
 from __future__ import annotations
 
 import logging
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
+from typing import Literal
 
-from huggingface_hub import CommitOperationAdd, CommitOperationDelete, HfApi
+from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.hub import prepare_client
+from labyrinth_core.data import hub
+from pipeline.config.export import CODEBASE_VERSION
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums
-from pipeline.machinery.console import say, tracked
-from pipeline.release.card import write_card
-from pipeline.release.derived import KINDS as EXPORTS
+from pipeline.machinery.artifact import HASHES, Sums
+from pipeline.machinery.console import say
+from pipeline.release.card import prepared_card
 from pipeline.release.derived import loading, stage_environment, stage_export
-from pipeline.release.faults import FAULTS, PublishError, explained, reasons, repeated
-from pipeline.release.files import card_files, files_of, left_out
+from pipeline.release.faults import PublishError, explained, is_unseen
 from pipeline.release.model import published_dataset, stage_policy
 from pipeline.release.options import PublishOptions, PublishStageOptions
-from pipeline.release.remote import (
-    DATASET,
-    ENVIRONMENT,
-    MODEL,
-    Kind,
-    Plan,
-    Remote,
-    differing,
-    is_unseen,
-    number,
-)
+from pipeline.release.repository import File, Files, Repository, listed, number
 from pipeline.release.texts import Release
-from pipeline.release.verify import verified
+from pipeline.release.verify import loaded
 
 
 def run(job: Job[PublishStageOptions]) -> None:
@@ -56,216 +44,156 @@ def run(job: Job[PublishStageOptions]) -> None:
     """
     for client in ("httpx", "httpx2"):  # Each request would be a line on the terminal.
         logging.getLogger(client).setLevel(logging.WARNING)
-    prepare_client()
+    hub.prepare_client()
     disable_progress_bars()  # The client has one per file; we show one for all.
-    options, api = job.options.publish, HfApi()
+    options = job.options.publish
     first = options.repo_id or options.export or options.env or options.model
     with explained(first):
-        unseen = options.dry_run and is_unseen(api, first)
-    hub = None if unseen else api
+        unseen = options.dry_run and is_unseen(HfApi(), first)
     if id_ := options.repo_id:
         with explained(id_):
-            _dataset(job, Remote(api, id_, DATASET, unseen))
+            _dataset(job, Repository(HfApi(), id_, "dataset", unseen))
 
-    def release(repo_id: str, kind: Kind, stage: Callable[[Path], None], load: str) -> None:
-        """Release the files that `stage` writes into a folder, and print how to load them."""
+    def staged(
+        repo_id: str, repo_type: Literal["dataset", "model"], stage: Callable[[Path], None]
+    ) -> None:
+        """Release the files that `stage` writes into a folder."""
         with explained(repo_id), tempfile.TemporaryDirectory(prefix="labyrinth-release-") as place:
-            folder = Path(place)
-            stage(folder)
+            stage(folder := Path(place))
             Sums.of(folder).write()
-            remote = Remote(api, repo_id, kind, unseen)
-            _release(remote, options, folder, nullcontext(folder), load)
+            release(
+                options, Repository(HfApi(), repo_id, repo_type, unseen), listed(folder), folder
+            )
 
     if id_ := options.export:
-        kind = EXPORTS[job.options.export.format]
-        release(id_, kind, lambda folder: stage_export(job, folder, hub), loading(job))
+        staged(id_, "dataset", partial(stage_export, job, is_unseen=unseen))
+        if job.options.export.format == "lerobot" and not options.dry_run:
+            with explained(id_):
+                _follow(Repository(HfApi(), id_, "dataset"), options.version)
+        _say_how(job, loading(job))
+    if options.env or options.model:
+        commit, manifest = published_dataset(job, is_unseen=unseen)
     if id_ := options.env:
-        origin, load = published_dataset(job, hub), f'make_env("{id_}", trust_remote_code=True)'
-        release(id_, ENVIRONMENT, lambda folder: stage_environment(job, folder, *origin), load)
+        staged(id_, "model", lambda folder: stage_environment(job, folder, commit, manifest))
+        _say_how(job, f'make_env("{id_}", trust_remote_code=True)')
     if id_ := options.model:
-        load = f'load_policy("{id_}", revision="{options.version}")'
-        origin = published_dataset(job, hub)
-        release(id_, MODEL, lambda folder: stage_policy(job, folder, *origin), load)
+        staged(id_, "model", lambda folder: stage_policy(job, folder, commit, manifest))
+        _say_how(job, f'load_policy("{id_}", revision="{options.version}")')
 
 
-def _dataset(job: Job[PublishStageOptions], remote: Remote) -> None:
+def _say_how(job: Job[PublishStageOptions], load: str) -> None:
+    """Print the line that loads a release, unless nothing is released."""
+    if not job.options.publish.dry_run:
+        say(load)
+
+
+def _dataset(job: Job[PublishStageOptions], repository: Repository) -> None:
     """Release all finished datasets of a folder with their card, and print how to load them."""
-    manifests = front_matter.finished(job.local_dir)
+    options, folder = job.options.publish, job.local_dir
+    manifests = front_matter.finished(folder)
     if not manifests:
-        reason = "holds no finished dataset: labyrinth-datasets makes one"
-        raise PublishError(f"{job.local_dir} {reason}")
-    options, config = job.options.publish, front_matter.default_config(manifests)
-    load = f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")'
-    _release(remote, options, job.local_dir, _carded(job, remote), load)
-
-
-@contextmanager
-def _carded(job: Job[PublishStageOptions], remote: Remote) -> Iterator[Path]:
-    """Yield the folder with the card of the release; for a dry job, a temporary copy of it."""
-    options = job.options.publish
-    release = Release(options.repo_id, options.version, options.export or None)
-    workers, overwrite = job.options.workers, job.options.overwrite
-    card = partial(write_card, release=release, workers=workers, overwrite=overwrite)
-    if not options.dry_run:
-        # The repository comes before the card is written, as the token may not be allowed to.
-        card(job.local_dir, first=partial(remote.create, private=options.private))
-        yield job.local_dir
-        return
-    with tempfile.TemporaryDirectory(prefix="labyrinth-dry-run-") as temporary:
-        folder = Path(temporary)
-        # Links are enough: the files are read, and the card replaces links, not their targets.
-        for name in card_files(job.local_dir):
-            link = folder / name
-            link.parent.mkdir(exist_ok=True)
-            link.symlink_to((job.local_dir / name).resolve())
-        try:
-            card(folder)
-        except DatasetError as error:
-            raise DatasetError(str(error).replace(temporary, str(job.local_dir))) from error
-        yield folder
-
-
-def _release(
-    remote: Remote,
-    options: PublishOptions,
-    folder: Path,
-    staged: AbstractContextManager[Path],
-    load: str,
-) -> None:
-    """Release files.
-
-    Args:
-        remote: The repository.
-        options: The options of the release.
-        folder: The folder with the files as they are, which may be published already.
-        staged: Yields the folder with the files of this release; used unless they are published.
-        load: The line that loads the release, to print at the end.
-    """
-    exists = remote.exists()
-    # Before the card is written, which could describe a version that is already taken.
-    if not (exists and _is_published(folder, remote, options)):
-        with staged as ready:
-            _commit_and_tag(ready, folder, remote, options, exists)
-    if options.dry_run:
-        return
-    if tag := remote.kind.newest_tag:
-        versions = remote.versions()
-        if options.version == max(versions, key=number):
-            commit = versions[options.version]
-            remote.move_tag(tag, commit)
-            say(f"tagged {tag}, as the newest release, at {commit[:12]}.")
-    say(load)
-
-
-def _is_published(folder: Path, remote: Remote, options: PublishOptions) -> bool:
-    """Return whether these files are already tagged with the version.
-
-    Raises:
-        PublishError: The tag has other data, or a later version is released already.
-    """
-    versions = remote.versions()
-    tagged = versions.get(options.version)
-    if tagged is None:
-        newest = max([options.version, *versions], key=number)
-        if newest != options.version:
-            raise PublishError(
-                f"publish.version={options.version}: {remote.repo_id} has {newest} already: "
-                "choose a later version"
+        raise PublishError(f"{folder} holds no finished dataset: labyrinth-datasets makes one")
+    repository.exists()  # The token is checked before all shards are read.
+    with ExitStack() as until_written:
+        card = until_written.enter_context(
+            prepared_card(
+                folder,
+                Release(options.repo_id, options.version, options.export or None),
+                workers=job.options.workers,
+                overwrite=job.options.overwrite,
+                alone=not options.dry_run,
             )
-        return False
-    changed = remote.plan(files_of(folder), tagged).changed
-    if data := [path for path in changed if remote.kind.is_data(path)]:
-        raise PublishError(
-            f"the tag {options.version} of {remote.repo_id} is at {tagged[:12]}, with other data "
-            f"({data[0]}): choose another publish.version"
         )
-    card = ", with a different card" if changed else ""
-    say(f"{options.version} is published already, at {tagged[:12]}{card}.")
-    return True
+
+        def write() -> None:
+            card.write()
+            until_written.close()  # Other processes need not wait for the upload.
+
+        files = {name: File(digest, folder / name) for name, digest in card.sums.hashes}
+        own = {**card.files, HASHES: card.sums.content()}
+        files |= {name: File.of(content) for name, content in own.items()}
+        release(options, repository, files, folder, [*_left_out(folder, files)], write)
+    config = front_matter.default_config(manifests)
+    _say_how(job, f'load_dataset("{options.repo_id}", "{config}", revision="{options.version}")')
 
 
-def _commit_and_tag(
-    folder: Path, source: Path, remote: Remote, options: PublishOptions, exists: bool
+def release(
+    options: PublishOptions,
+    repository: Repository,
+    files: Files,
+    folder: Path,
+    left_out: Sequence[str] = (),
+    before: Callable[[], None] = lambda: None,
 ) -> None:
-    """Commit, verify and tag a folder; in a dry job, only print the plan.
+    """Release files as a version, or, in a dry run, print the plan.
 
     Args:
-        folder: The folder with the files of the release.
-        source: The user's folder, in which other files may be.
-        remote: The repository.
-        options: The options of the release.
-        exists: Whether the repository exists.
+        options: The version, and whether this is a dry run.
+        repository: The repository.
+        files: The files.
+        folder: The folder that they are in.
+        left_out: The files of a user beside them, to be named.
+        before: Called once the repository exists, before anything is sent.
 
     Raises:
         PublishError: The Hub refuses, or does not hold afterwards what was sent.
     """
-    if not options.dry_run:
-        remote.create(private=options.private)
-    head = remote.commit("main") if exists or not options.dry_run else ""
-    files = files_of(folder)
-    plan = remote.plan(files, head)
-    if plan.others and not remote.is_new(head):
-        raise PublishError(
-            f"{remote.repo_id} holds files that no release of this kind wrote, or changed since "
-            f"({', '.join(plan.others[:3])}): rename or delete them there, or choose another id"
-        )
-    # The folders of the other kinds hold only files to publish.
-    if remote.kind is DATASET and (others := list(left_out(source, list(files)))):
-        say(f"not part of the release, and not published: {', '.join(others)}.")
-    _print_plan(plan, remote, options, exists)
-    if options.dry_run:
+    version, dry_run = options.version, options.dry_run
+    files = dict(sorted(files.items()))
+    exists = repository.exists()
+    if exists and repository.has(files, version):
         return
-    if plan.changed:
-        head = _commit(remote, f"Release {options.version}", plan, head)
-    say(verified(remote.repo_id, head, folder, remote.kind.repo_type))
-    remote.tag(options.version, head)
-    say(f"tagged {options.version} at {head[:12]}.")
-
-
-def _print_plan(plan: Plan, remote: Remote, options: PublishOptions, exists: bool) -> None:
-    if options.dry_run:
-        for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
-            for path in paths:
-                say(f"  {word:6} {path}")
+    if not (exists or dry_run):
+        repository.create(private=options.private)
+    commit, tree = repository.head("main") if exists or not dry_run else ("", {})
+    plan = repository.plan(files, commit, tree)
+    if plan.others:
+        raise PublishError(
+            f"{repository.repo_id} holds files that no release of this kind wrote, or changed "
+            f"since ({', '.join(plan.others[:3])}): rename or delete them there, or choose "
+            "another id"
+        )
+    if left_out:
+        say(f"not part of the release, and not published: {', '.join(left_out)}.")
+    for word, paths in (("add", plan.add), ("keep", plan.keep), ("delete", plan.delete)):
+        for path in paths if dry_run else ():
+            say(f"  {word:6} {path}")
     new = "" if exists else f" (to be created, {'private' if options.private else 'public'})"
     say(
-        f"{remote.repo_id}{new}: {len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), "
-        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; new tag: "
-        f"{options.version}."
+        f"{repository.repo_id}{new}: {len(plan.add)} files to add ({plan.bytes / 1e6:.2f} MB), "
+        f"{len(plan.keep)} to keep, {len(plan.delete)} to delete; new tag: {version}."
     )
+    if dry_run:
+        return
+    before()
+    title = f"Release {version}"
+    if plan.add or plan.delete:
+        commit = repository.commit(title, plan, commit)
+    else:  # A run that was interrupted committed it; others may have committed since.
+        commit = repository.landed(title, plan)[1] or commit
+    say(f"verifying {commit[:12]} ...")
+    repository.require(plan, commit)
+    loads = loaded(repository.repo_id, repository.repo_type, folder, commit)
+    also = f", and {loads}" if loads else ""
+    say(f"verified {commit[:12]}: {len(files)} files are those published{also}.")
+    repository.tag(version, commit)
+    say(f"tagged {version} at {commit[:12]}.")
 
 
-def _commit(remote: Remote, title: str, plan: Plan, parent: str) -> str:
-    """Upload missing contents, commit all changes at once, and return the commit.
+def _follow(repository: Repository, version: str) -> None:
+    """Move the tag that LeRobot reads to the newest release."""
+    versions = repository.versions()
+    if version == max(versions, key=number):
+        repository.move_tag(CODEBASE_VERSION, versions[version])
+        say(f"tagged {CODEBASE_VERSION}, as the newest release, at {versions[version][:12]}.")
 
-    After an error, reading the branch tells a commit whose answer was lost from a refused one.
-    """
 
-    def uploaded(path: str) -> tuple[int, CommitOperationAdd]:
-        addition = CommitOperationAdd(path_in_repo=path, path_or_fileobj=plan.files[path])
-        remote.api.preupload_lfs_files(remote.repo_id, [addition], repo_type=remote.kind.repo_type)
-        return plan.files[path].stat().st_size, addition
-
-    # One by one, so that a run after an interruption does not send a file again.
-    additions = list(tracked(map(uploaded, plan.add), "upload", total=plan.bytes))
-    deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
-
-    def commit() -> str:
-        try:
-            info = remote.api.create_commit(
-                remote.repo_id,
-                [*additions, *deletions],
-                commit_message=title,
-                repo_type=remote.kind.repo_type,
-                parent_commit=parent,
-            )
-        except FAULTS as error:
-            head = remote.commit("main")
-            if head == parent:
-                raise
-            if differing(plan.files, remote.tree(head)):
-                raise PublishError(reasons(remote.repo_id)[412]) from error
-            return head
-        return str(info.oid)
-
-    return repeated(commit)
+def _left_out(folder: Path, files: Files) -> Iterator[str]:
+    """Yield the paths in a folder that are not part of a release, except hidden files."""
+    folders = {name.partition("/")[0] for name in files if "/" in name}
+    for path in sorted(folder.glob("[!.]*")):
+        if path.name in folders:
+            inside = sorted(each.name for each in path.glob("[!.]*") if each.name != HASHES)
+            yield from (f"{path.name}/{n}" for n in inside if f"{path.name}/{n}" not in files)
+        elif path.name not in files:
+            yield f"{path.name}/" if path.is_dir() else path.name

@@ -57,6 +57,8 @@ class Entry:
     """Split -> its figures."""
     compared: bool = False
     """Whether the dataset was available, so that the results were checked against it."""
+    replayed: int = 0
+    """The number of `results` whose policy was played again, with the same episodes."""
     rank: int | None = None
     """One plus the number of entries whose whole SPL interval is above this entry's; None if it was
     not checked, or solves nothing on `RANKED_BY` or was not evaluated there."""
@@ -79,13 +81,16 @@ class Entry:
 
 
 def entries_of(
-    results: Iterable[Results], is_compared: Callable[[Results], bool] = lambda _: False
+    results: Iterable[Results],
+    is_compared: Callable[[Results], bool] = lambda _: False,
+    is_replayed: Callable[[Results], bool] = lambda _: False,
 ) -> list[Entry]:
     """Return an entry for each trained method and for each submission.
 
     Args:
         results: Runs in the order of `kept.comparable`, and submissions.
         is_compared: Whether results were checked against their dataset.
+        is_replayed: Whether the policy was played again.
     """
 
     def method(each: Results) -> object:
@@ -98,7 +103,8 @@ def entries_of(
         figures = {split: figures_of(group, split) for split in splits}
         about = first.method if first.run is None else _described(first.run, figures)
         assert about is not None  # Always set in results from a file.
-        found.append(Entry(group, about, figures, is_compared(first)))
+        replayed = sum(map(is_replayed, group))
+        found.append(Entry(group, about, figures, is_compared(first), replayed))
     return found
 
 

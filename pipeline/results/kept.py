@@ -7,19 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
-from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.language.source_text import printable_line
-from pipeline.config.errors import check
-from pipeline.config.options import source_of
-from pipeline.config.stage import Job
 from pipeline.config.training import SUBMISSIONS, check_run
 from pipeline.machinery.artifact import Sums
-from pipeline.results.options import ResultsOptions
+from pipeline.results.available import Available
 from pipeline.results.paper import METHODS, title_of
+from pipeline.results.replays import Replays
 
 AUTHOR = "Labyrinth datasets"
 """The author of runs of the stages `train` and `evaluate`."""
@@ -34,46 +29,12 @@ def run_of(results: Results) -> TrainedRun:
     return results.run
 
 
-class Available:
-    """The configs of the dataset that a run names, each read when it is first needed.
-
-    Raises:
-        ConfigError: A folder is given with a revision.
-    """
-
-    def __init__(self, job: Job[ResultsOptions]) -> None:
-        revision = job.options.revision
-        check(
-            revision is None or not folder_at(source_of(job)).is_dir(),
-            f"revision={revision}: {source_of(job)} is a folder, which has no revisions",
-        )
-        self._job = job
-        self._found: dict[str, KnownDataset | None] = {}
-        self.missing: dict[str, str] = {}
-        """Config -> why it is not available."""
-
-    def __call__(self, config: str) -> KnownDataset | None:
-        """Return a config such as `5x5`, or None if it is not available."""
-        if config not in self._found:
-            job = self._job
-            try:
-                if job.options.dataset is None and not (job.data_dir / config / MANIFEST).is_file():
-                    raise DatasetError(f"{job.data_dir / config} holds no dataset")  # Ask no Hub.
-                self._found[config] = KnownDataset.read(
-                    source_of(job), config, job.options.revision
-                )
-            except DatasetError as error:
-                self._found[config] = None
-                self.missing[config] = str(error)
-        return self._found[config]
-
-    def has(self, results: Results) -> bool:
-        """Return whether the dataset of some results is available, so that they can be checked."""
-        known = self(results.config)
-        return known is not None and known.fingerprint == results.fingerprint
-
-
-def read(path: Path, available: Available, place: tuple[str, str] | None = None) -> Results:
+def read(
+    path: Path,
+    available: Available,
+    place: tuple[str, str] | None = None,
+    replays: Replays | None = None,
+) -> Results:
     """Read results from a file, and check them against the dataset if it is available.
 
     If the dataset has another fingerprint, results of a run are left unchecked, and results of any
@@ -84,9 +45,11 @@ def read(path: Path, available: Available, place: tuple[str, str] | None = None)
         available: The datasets that are available.
         place: The config and the name of the run that the path stands for; results of another
             policy may be there, too.
+        replays: Plays the policy of the results again; None to believe what they claim.
 
     Raises:
-        DatasetError: The file cannot be read, or is inconsistent; the message has one line.
+        DatasetError: The file cannot be read, is inconsistent, or the policy plays otherwise; the
+            message has one line.
     """
     results = Results.load(path, available)
     run, known = results.run, available(results.config)
@@ -97,13 +60,15 @@ def read(path: Path, available: Available, place: tuple[str, str] | None = None)
                 raise ValueError(f"it belongs to the run {name}, not to this one")
             check_run(run, results.observation)
         if known is None:
-            return results
-        if run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
+            pass  # Nothing to compare with.
+        elif run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
             available.missing[results.config] = f"{known.place} is another dataset"
         else:
             results.require_dataset(known)
     except ValueError as error:
         raise DatasetError(f"{path} is refused: {error}") from error
+    if replays is not None:
+        replays(path, results)
     return results
 
 
@@ -112,7 +77,11 @@ Copies = Mapping[str, tuple[Path, Results]]
 
 
 def gather(
-    run_dir: Path, results_dir: Path, available: Available, overwrite: bool
+    run_dir: Path,
+    results_dir: Path,
+    available: Available,
+    overwrite: bool,
+    replays: Replays | None = None,
 ) -> tuple[Copies, list[str]]:
     """Return the results in `run_dir` that are to be copied, and why each other file is refused.
 
@@ -126,7 +95,7 @@ def gather(
     for path in results_in(run_dir):
         config, name = path.parts[-3:-1]
         try:
-            results = read(path, available, (config, name))
+            results = read(path, available, (config, name), replays)
         except DatasetError as error:
             refused.append(str(error))
             continue
@@ -144,7 +113,7 @@ def gather(
 
 
 def read_all(
-    results_dir: Path, copies: Copies, available: Available
+    results_dir: Path, copies: Copies, available: Available, replays: Replays | None = None
 ) -> tuple[dict[Path, Results], list[Results], list[str]]:
     """Read all results in `results_dir`, as if `copies` were there already.
 
@@ -163,7 +132,7 @@ def read_all(
         is_run = path.is_relative_to(results_dir / RUNS)
         place = (path.parent.name, path.stem) if is_run else None
         try:
-            each = new[path] if path in new else read(path, available, place)
+            each = new[path] if path in new else read(path, available, place, replays)
             if not is_run:
                 _require_own_name(path, each, named)
                 submissions.append(each)

@@ -16,18 +16,14 @@ LEADERBOARD = "leaderboard.md"
 MARK = "†"
 """Marks an entry that was not checked against the dataset, and so has no rank."""
 
+BESIDE = {"random": "random steps", "route_memory": "route memory"}
+"""Baseline -> its name in the tables, for the baselines that stand beside the methods."""
 MEMORISED = "follows its own train"
 """The column of receipts, on boards that have any."""
 
-HEADING = f"""# Leaderboard
-
-Methods ranked by SPL on `{RANKED_BY}`, whose structures no method trains on: [how to read
-it](#how-to-read-it).
-"""
-
 ABOUT = f"""## How to read it
 
-{WHY_SPL}
+Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on. {WHY_SPL}
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, in percent. SR:
 share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
@@ -41,8 +37,15 @@ intervals overlap are not claimed to differ; `README.md` tests whether they diff
 exchanging runs. A method that solves nothing has no rank. {MARK}: the dataset was not available, so
 the outcomes are unchecked and the method has no rank.
 
-All figures are computed from the outcome and the moves of each episode. The training data of a
-method are as its authors state them; an empty cell is not stated.
+Computed without a rank: random steps (exact expectations), and route memory, which knows all walls
+and takes the shortest part of a route of train that is open. What a method achieves beyond it is
+learnt.
+
+All figures are computed from the outcome and the moves of each episode. Replayed:
+`labyrinth-datasets stages=results results.replay=true` opened the policy and played the same
+episodes. Organiser's word: the episodes are possible, and whether the policy played them rests on
+the word of whoever made the file. The training data of a method are as its authors state them; an
+empty cell is not stated.
 
 `leaderboard.csv` has the same figures. `labyrinth-datasets stages=results` makes both files from
 `runs/` and `submissions/`.
@@ -54,14 +57,14 @@ COLUMNS = (
     *("observation", "seeds", "episodes", "version", "compared"),
     *("split", "labyrinths", "spl", "spl_low", "spl_high", "sr_within_cells"),
     *("sr", "sr_low", "sr_high"),
-    *("aer", "aer_std", "aer_low", "aer_high", "path_efficiency"),
+    *("aer", "aer_std", "aer_low", "aer_high", "path_efficiency", "replayed"),
 )
 """The columns of `leaderboard.csv`."""
 
 
 def leaderboard(boards: Sequence[Sequence[Entry]]) -> dict[str, str]:
     """Return the text of `leaderboard.md` and of `leaderboard.csv`, by name."""
-    parts = [HEADING]
+    parts = ["# Leaderboard\n"]
     for entries in boards:
         parts += [part + "\n" for part in markdown(entries)]
     parts.append(ABOUT)
@@ -72,7 +75,8 @@ def leaderboard(boards: Sequence[Sequence[Entry]]) -> dict[str, str]:
 def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     """Yield the heading and the tables of one dataset, the ranks first."""
     yield f"## {entries[0].config}"
-    yield table(["rank", "method", "SPL", "SR", "n"], map(_place, entries), "rlrrr")
+    heading = ["rank", "method", "SPL", "SR", "n", "outcomes"]
+    yield table(heading, [*map(_place, entries), *_baselines(entries)], "rlrrrl")
     yield "On all splits:"
     held = {split for each in entries for split in each.figures}
     # The usual splits first, then the others in the order of the dataset.
@@ -83,7 +87,9 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     heading = ["method", "by", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
     asked = any(each.memorised for entry in entries for each in entry.results)
     rows = ([*_effort(entry), *[_memorised(entry)] * asked] for entry in entries)
-    yield table([*heading, *[MEMORISED] * asked], rows, "lll" + "r" * len(DETAILS) + "rlrlll")
+    yield table(
+        [*heading, *[MEMORISED] * asked], rows, "lll" + "r" * len(DETAILS) + "rlrll" + "l" * asked
+    )
     yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
 
 
@@ -96,7 +102,22 @@ def _place(entry: Entry) -> list[str]:
     figures = [""] * 3
     if mine is not None:
         figures = [*(percent_cell(mine, name) for name in ("spl", "sr")), f"{mine['labyrinths']:,}"]
-    return [rank, _name(entry, linked=True), *figures]
+    seeds, played = len(entry.results), entry.replayed
+    outcomes = "replayed" if played == seeds else f"{played} of {seeds} replayed"
+    return [rank, _name(entry, linked=True), *figures, outcomes if played else "organiser's word"]
+
+
+def _baselines(entries: Sequence[Entry]) -> Iterator[list[str]]:
+    """Yield a row for each baseline, from the first entry whose results were checked, if any."""
+    with_it = [each for each in entries if RANKED_BY in each.results[0].splits]
+    for entry in sorted(with_it, key=lambda each: not each.compared)[:1]:
+        first = entry.results[0]
+        for name, shown in BESIDE.items():
+            if found := first.baselines.get(name, {}).get(RANKED_BY):
+                shares = (f"{100 * found[figure]:.1f}" for figure in ("spl", "sr"))
+                count = len(first.splits[RANKED_BY].distance)
+                mark = "" if entry.compared else f" {MARK}"
+                yield ["", f"{shown}{mark}", *shares, f"{count:,}", "computed"]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
@@ -145,7 +166,7 @@ def _rows(entry: Entry) -> Iterator[dict[str, object]]:
     """Yield a row for each split; shares, not percent."""
     first, about = entry.results[0], entry.about
     same = vars(first) | vars(about) | {"method": about.name, "seeds": len(entry.results)}
-    same |= {"rank": entry.rank, "compared": entry.compared}
+    same |= {"rank": entry.rank, "compared": entry.compared, "replayed": entry.replayed}
     same |= {f"train_{name}": about.details.get(name) for name in ("labyrinths", "steps")}
     same["parameters"] = about.details.get("parameters")
     for split, figures in entry.figures.items():

@@ -20,11 +20,13 @@ from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import console, say, say_once
 from pipeline.machinery.markdown import count
+from pipeline.results.available import Available
 from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import RUNS, Available, comparable, gather, of_equal_weights, read_all
+from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all
 from pipeline.results.leaderboard import LEADERBOARD, leaderboard
 from pipeline.results.options import ResultsOptions
 from pipeline.results.paper import title_of
+from pipeline.results.replays import Replays
 from pipeline.results.tables import tables
 
 
@@ -48,8 +50,9 @@ def run(job: Job[ResultsOptions]) -> None:
     )
     available = Available(job)
     overwrite = job.options.overwrite
-    copies, refused = gather(run_dir, results_dir, available, overwrite)
-    found, submissions, also_refused = read_all(results_dir, copies, available)
+    replays = Replays(run_dir, available) if job.options.results.replay else None
+    copies, refused = gather(run_dir, results_dir, available, overwrite, replays)
+    found, submissions, also_refused = read_all(results_dir, copies, available, replays)
     refused += also_refused
     if not (found or submissions or refused):
         raise DatasetError(
@@ -65,7 +68,11 @@ def run(job: Job[ResultsOptions]) -> None:
     if copies:
         files = {name: path.read_bytes() for name, (path, _) in copies.items()}
         leave(results_dir, files, overwrite=overwrite)
-    entries = entries_of([*comparable(found), *submissions], available.has)
+    entries = entries_of(
+        [*comparable(found), *submissions],
+        available.has,
+        lambda each: replays is not None and each in replays,
+    )
     methods = [each for each in entries if each.results[0].run is not None]
     texts = leaderboard(boards(entries))
     if methods or Sums.read(results_dir).has("results.csv"):
@@ -81,6 +88,8 @@ def run(job: Job[ResultsOptions]) -> None:
         say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
     for config, reason in available.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
+    for reason, skipped in replays.skipped.items() if replays is not None else ():
+        say(f"{count(skipped, 'file')} not replayed: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
     if refused:
         left_out = f"{count(len(refused), 'file')} not on the leaderboard:"

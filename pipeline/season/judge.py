@@ -168,6 +168,7 @@ def judged(
         dataset=f"season:{season.name}",
         version=judgement.versions["labyrinth-datasets"],
         judged=judgement,
+        policy=None,  # The judgement names it.
     )
     content = results.to_text(Description(submission.named)).encode()
     return Judged(_row(results, content), results, content)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event, Timer
@@ -11,18 +12,14 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import HUB_ID
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.policies.load import MOST_BYTES, check_size, load_policy, located
-from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
+from labyrinth_core.policies.graph import SECONDS
+from labyrinth_core.policies.load import MOST_BYTES, check_size
+from labyrinth_core.policies.opening import PolicyNameError, files_of, open_files
+from labyrinth_core.policies.spec import GRAPH
 from labyrinth_core.world.labyrinth import Task
 from pipeline.season.files import private_folder, require_regular
-from pipeline.season.graph import SECONDS, computed
-
-_KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
-"""The files of each kind of policy, the weights first."""
 
 
 class Submission(NamedTuple):
@@ -57,41 +54,36 @@ def fetched(
         DatasetError: The policy does not exist, or differs from the named or pinned revision.
         PolicyError: An ONNX graph has other inputs or outputs than a policy.
     """
-    source, _, revision = named.partition("@")
-    with private_folder() as own, ExitStack() as stack:
-        commit = None
-        if folder is None and (pinned or not Path(source).expanduser().exists()):
-            commit, names = _on_hub(source, pinned["commit"] if pinned else revision or None)
-            try:
-                found = located(source, commit, names)
-            except ValueError as error:
-                raise DatasetError(str(error)) from error
-            _copy({name: found / name for name in names}, own)
-        else:
-            _copy(_in_folder(Path(source).expanduser() if folder is None else folder), own)
-        files = {path.name: file_sha256(path) for path in sorted(own.iterdir())}
-        for name, expected in pinned["files"].items() if pinned else ():
-            _require(named, name, files.get(name), expected)
-        if commit is None and revision:
-            weights = next(names[0] for names in _KINDS if names[0] in files)
-            _require(named, weights, files[weights], revision)
-        if GRAPH in files:
-            policy = stack.enter_context(computed((own / GRAPH).read_bytes(), named))
-            yield Submission(named, commit, files, own, policy, "onnxruntime")
-        else:
-            yield Submission(named, commit, files, own, _loaded(own, named), "torch")
-
-
-def _loaded(folder: Path, named: str) -> Any:
-    """Load the policy of a folder with weights."""
     try:
-        policy = load_policy(folder)
-    except DatasetError as error:  # Name the original, not the temporary copy.
-        raise DatasetError(str(error).replace(str(folder), named)) from error
-    import torch
+        if folder is not None:
+            found = files_of(folder)
+        elif pinned:
+            found = files_of(named.partition("@")[0], pinned["commit"], on_hub=True)
+        else:
+            found = files_of(named)
+    except PolicyNameError as error:
+        raise DatasetError(str(error)) from error
+    with private_folder() as own:
+        files = _copied(found.paths, own)
+        for name, expected in pinned["files"].items() if pinned else ():
+            if files.get(name) != expected:
+                raise DatasetError(
+                    f"{named}: {name} differs from the named revision: it is "
+                    f"{files.get(name) or 'missing':.16}, not {expected:.16}"
+                )
+        copies = {name: own / name for name in found.paths}
+        try:
+            policy = open_files(copies, named)
+        except DatasetError as error:  # Name the original, not the temporary copy.
+            raise DatasetError(str(error).replace(str(own), named)) from error
+        if GRAPH in files:
+            with policy:
+                yield Submission(named, found.commit, files, own, policy, "onnxruntime")
+        else:
+            import torch
 
-    torch.set_num_threads(1)  # With several threads, sums may round differently.
-    return _Limited(policy)
+            torch.set_num_threads(1)  # With several threads, sums may round differently.
+            yield Submission(named, found.commit, files, own, _Limited(policy), "torch")
 
 
 class _Limited:
@@ -138,43 +130,13 @@ class _Limited:
             raise PolicyError(f"the policy takes more than {SECONDS:g} seconds")
 
 
-def _on_hub(source: str, revision: str | None) -> tuple[str, tuple[str, ...]]:
-    """Return the commit of a revision on the Hub, and the names of its policy's files."""
-    if not HUB_ID.fullmatch(source):
-        raise DatasetError(f"{source} is neither a folder, a file, nor an id such as user/model")
-    from huggingface_hub import HfApi
+def _copied(files: Mapping[str, Path], folder: Path) -> dict[str, str]:
+    """Copy files, so that the hashed bytes are the judged ones; return the SHA-256 of each by name.
 
-    from labyrinth_core.data.hub import UNAVAILABLE, prepare_client
-
-    prepare_client()
-    try:
-        found = HfApi().model_info(source, revision=revision)
-    except UNAVAILABLE as error:
-        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
-        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    return str(found.sha), _kind(source, {each.rfilename for each in found.siblings or ()})
-
-
-def _in_folder(place: Path) -> dict[str, Path]:
-    """Return the files of a policy by name: those in a folder, or a single ONNX graph."""
-    if place.is_dir():
-        held = {path.name for path in place.iterdir()}
-        return {name: place / name for name in _kind(str(place), held)}
-    if place.suffix != ".onnx":
-        raise DatasetError(f"{place} is neither a folder nor an ONNX graph, such as {GRAPH}")
-    return {GRAPH: place}
-
-
-def _kind(place: str, held: set[str]) -> tuple[str, ...]:
-    for names in _KINDS:
-        if held >= set(names):
-            return names
-    kinds = "; ".join(" and ".join(names) for names in _KINDS)
-    raise DatasetError(f"{place} holds no policy: give {kinds}")
-
-
-def _copy(files: Mapping[str, Path], folder: Path) -> None:
-    """Copy files, so that the hashed bytes are the judged ones; refuse files that are too large."""
+    Raises:
+        DatasetError: A file is too large, cannot be read, or is no file.
+    """
+    hashes = {}
     for name, path in files.items():
         try:
             require_regular(path, MOST_BYTES[name])
@@ -184,14 +146,8 @@ def _copy(files: Mapping[str, Path], folder: Path) -> None:
             (folder / name).write_bytes(content)
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
-
-
-def _require(named: str, what: str, found: str | None, expected: str) -> None:
-    if found != expected:
-        raise DatasetError(
-            f"{named}: {what} differs from the named revision: it is "
-            f"{found or 'missing':.16}, not {expected:.16}"
-        )
+        hashes[name] = hashlib.sha256(content).hexdigest()
+    return dict(sorted(hashes.items()))
 
 
 def versions(library: str) -> dict[str, str]:

@@ -5,19 +5,16 @@ from __future__ import annotations
 import io
 import json
 import os
-import platform
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
 from labyrinth_core.evaluation.results import RESULTS
-from labyrinth_core.policies.record import FORMAT, read_run
+from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.policies.spec import POLICY, RECORD
-from labyrinth_core.version import __version__
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import CONFIG
 from pipeline.machinery.artifact import Sums, leave
@@ -30,12 +27,6 @@ BOARD = "tensorboard"
 
 OURS = (RECORD, POLICY, CURVES, CONFIG, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
-
-
-def training_versions() -> dict[str, str]:
-    """Return the versions of this package, of Python, and of the libraries that affect weights."""
-    libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
-    return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
 
 
 def write_record(

@@ -37,6 +37,13 @@ TWENTY = range(1001, 1021)
 """The seeds of twenty datasets, each with a BC policy, for the study of validity."""
 SIX = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
 
+HOURS = {"bc": 0.016, "dagger": 0.06, "gail": 0.42, "bco": 0.09, "sqil": 0.1, "iupe": 0.1} | {
+    "planner": 0.13,
+    "mapper": 0.22,
+}
+"""Hours of a run of each method on 100 labyrinths, about: of BC on one core, of the others on the
+clock of the runs in docs/results."""
+
 
 @dataclass(frozen=True)
 class Asked:
@@ -55,6 +62,13 @@ class Asked:
     """The number of labyrinths that it has learnt from; None for all."""
     others: tuple[int, ...] = ()
     """The seeds of datasets whose trains it never saw, and is asked about, too."""
+
+    @property
+    def hours(self) -> float:
+        """The hours of training on one core, estimated."""
+        name, _, number = self.name.partition("-bc-")
+        scale = int(number) / 100 if name in ("epochs", "labyrinths") else 1
+        return scale * HOURS.get(self.method, 0)
 
     def folder(self, seed: int) -> str:
         """The name of the folder of a dataset."""
@@ -209,7 +223,7 @@ def main() -> None:
         if given.part and not any(part in asked.name for part in given.part):
             continue
         if given.list:
-            print(asked.name)
+            print(f"{asked.hours:5.2f} h  {asked.name}")
             continue
         found = ask(asked, work, trained_only=given.trained)
         if found is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 from kept_results import RESULTS
-from memorising import REFERENCES, SIX, TWENTY, planned
+from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
 from labyrinth_core.data.storage import read_json
 from pipeline.machinery.markdown import table
@@ -52,7 +52,7 @@ def methods() -> str:
 
 
 def conditions() -> str:
-    """Return the table of BC policies after other numbers of labyrinths and epochs."""
+    """Return the table of BC policies after other numbers of labyrinths and epochs, if any."""
     rows = []
     for each in kept():
         what, _, number = each["name"].partition("-bc-")
@@ -64,6 +64,8 @@ def conditions() -> str:
         }.get(what, "")
         if title:
             rows.append(_row(title, [each]))
+    if len(rows) < 2:
+        return "Not asked yet: see the end of this page."
     return table(["BC", *HEADING[1:]], rows, "l" + "r" * (len(HEADING) - 1))
 
 
@@ -115,13 +117,21 @@ def uniform() -> str:
 def missing() -> str:
     """Say which policies have not been asked."""
     names = {each["name"] for each in kept()}
-    groups: dict[str, list[str]] = {}
+    groups: dict[str, list[Asked]] = {}
     for each in planned():
         if each.name not in names:
-            what, _, number = each.name.rpartition("-")
-            groups.setdefault(what, []).append(number)
-    told = [f"`{what}`: {', '.join(numbers)}" for what, numbers in groups.items()]
-    return "Not run: " + "; ".join(told) + "." if told else "Every planned policy was asked."
+            groups.setdefault(each.name.rpartition("-")[0], []).append(each)
+    if not groups:
+        return "Every planned policy was asked."
+    rows = [
+        [
+            f"`{what}`",
+            ", ".join(each.name.rpartition("-")[2] for each in group),
+            f"{sum(each.hours for each in group):.2f}",
+        ]
+        for what, group in groups.items()
+    ]
+    return table(["not run yet", "which", "hours, about"], rows, "llr")
 
 
 def kept() -> list[Kept]:

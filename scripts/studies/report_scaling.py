@@ -24,6 +24,9 @@ from pipeline.results.paper import name_of
 
 RESAMPLES = 2_000
 
+LEARNT = 0.1
+"""Below this loss on train there is nothing left to learn from these labyrinths."""
+
 SPLITS = ("train", "test", "s0", "s0_and_g")
 
 Floats = NDArray[np.float64]
@@ -149,6 +152,8 @@ def laws() -> str:
     rows = []
     for goals in GOALS:
         steps, points = longest(goals)
+        if not points:
+            continue
         found = law(points)
         cells = ["fewer than four points", "", ""]
         if found is not None:
@@ -163,13 +168,13 @@ def laws() -> str:
 
 
 def limits() -> str:
-    """Return a table of the epochs that were kept: the last one says that steps are the limit."""
+    """Return a table of what is left of the loss on train, which says what limits a point."""
     rows = []
     for goals in GOALS:
         for steps in STEPS:
             for labyrinths, runs in curve(goals, steps).items():
                 made = [run["run"]["training"] for run in runs]
-                last = all(each["selected"]["epoch"] == each["epochs"] for each in made)
+                losses = [each["selected"]["loss"] for each in made]
                 rows.append(
                     [
                         goals,
@@ -178,13 +183,13 @@ def limits() -> str:
                         ", ".join(
                             f"{each['selected']['epoch']} of {each['epochs']}" for each in made
                         ),
-                        ", ".join(f"{each['selected']['loss']:.3f}" for each in made),
+                        ", ".join(f"{loss:.3f}" for loss in losses),
                         ", ".join(whole(each["selected"]["validation_sr"]) for each in made),
-                        "the number of steps" if last else "the labyrinths",
+                        "labyrinths" if max(losses) < LEARNT else "steps",
                         f"{fsum(each['seconds'] for each in made) / 3600:.2f}",
                     ]
                 )
-    heading = ["goals", "steps", "labyrinths", "epoch kept", "loss", "validation", "limited by"]
+    heading = ["goals", "steps", "labyrinths", "epoch kept", "loss", "validation", "limit"]
     return table([*heading, "hours"], rows, "lrrrrrlr")
 
 
@@ -244,7 +249,7 @@ def draw() -> Figure:
             draw_line(right, places, some, COLOURS[place], f"{split}, goals={goals}", marker, style)
     right.set_title("new starts (s0), and new goals too")
     for panel in (left, right):
-        panel.set(xscale="log", xlabel="labyrinths trained on", ylim=(-3, 103))
+        panel.set(xscale="log", xlabel="labyrinths trained on", xlim=(70, 2 * ends), ylim=(-3, 103))
         panel.set_xticks([100, 1_000, MANY, ends], ["100", "1,000", "10,000", "without\nend"])
         panel.minorticks_off()
         panel.grid(alpha=0.3)

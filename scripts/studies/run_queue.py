@@ -68,7 +68,7 @@ on."""
 MANY = 10_000
 """The labyrinths of train in most runs of SCALING, and of an epoch of FRESH ones."""
 
-STEPS = {4_000: 3, 50_000: 36}
+STEPS = {2_800: 2, 50_000: 36}
 """The gradient steps of a run of SCALING, about -> how often it sees a step of MANY labyrinths."""
 
 POINTS: tuple[int | str, ...] = (100, 1_000, MANY, FRESH, 300, 3_000)
@@ -167,7 +167,7 @@ def scaled(method: str, goals: str, labyrinths: int | str, steps: int, seed: int
     learnt = labyrinths if isinstance(labyrinths, int) else MANY
     epochs = 100 if method == "gail" else round(STEPS[steps] * MANY / learnt)
     given = f"method={method} seed={seed} train_labyrinths={labyrinths} method.epochs={epochs}"
-    given += f" method.evaluate_every={epochs // 3}"
+    given += f" method.evaluate_every={max(1, epochs // 3)}"
     data, evaluated = GOALS[goals]
     name = RunName(
         method=method, encoder="cnn", protocol="default", train_labyrinths=labyrinths, seed=seed

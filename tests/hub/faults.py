@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import threading
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import partialmethod
 from typing import Any
@@ -24,6 +25,10 @@ class Rule:
     skip: int = 0
     status: int = 503
     after: bool = False
+    body: bytes = b""
+    """What `answer` sends."""
+    headers: Mapping[str, str] = field(default_factory=dict)
+    """Further headers of `fail` and `answer`."""
     reached: threading.Event = field(default_factory=threading.Event, repr=False)
     """Set when it has struck for the first time."""
     released: threading.Event = field(default_factory=threading.Event, repr=False)
@@ -49,6 +54,10 @@ class Faults:
     client has gone by the time of its release has no effect.
     `stall` sends half of the answer, and the rest after `release`.
     `lose_response` does what is asked, then closes the connection.
+    `answer` answers with a status and a body, and does nothing; or `after` what is asked is done.
+    `damage` changes a byte of the answer, and `cut` sends half of it and closes the connection.
+    `stale` answers as before the newest commit.
+    `intrude` lets another user commit first, or `after` what is asked is done.
 
     `method` is a pattern such as `GET|HEAD`, `path` one that is searched in the unquoted path.
     `times` is how many matching calls are hit; `skip` lets that many pass before.
@@ -80,6 +89,11 @@ class Faults:
     hold = partialmethod(_add, "hold")
     stall = partialmethod(_add, "stall")
     lose_response = partialmethod(_add, "lose response")
+    answer = partialmethod(_add, "answer")
+    damage = partialmethod(_add, "damage")
+    cut = partialmethod(_add, "cut")
+    stale = partialmethod(_add, "stale")
+    intrude = partialmethod(_add, "intrude")
 
     def occupy_tag(self) -> None:
         """Let another user set the next tag asked for, at the repository's first commit."""

@@ -13,13 +13,14 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from hub.faults import Rule
-from hub.state import Account, Exchange
+from hub.state import MAIN, Account, Exchange
 
 if TYPE_CHECKING:
     from hub.local_hub import LocalHub
@@ -180,11 +181,18 @@ class Request(BaseHTTPRequestHandler):
                 rule.reached.set()
             if rule.effect == "fail":
                 message = f"the Hub answers {rule.status} on demand"
-                return RefusalError(rule.status, message).answer
+                refused = RefusalError(rule.status, message).answer
+                refused.headers.update(rule.headers)
+                return refused
+            if rule.effect == "answer" and not rule.after:
+                return Answer(rule.status, rule.body, dict(rule.headers))
             if rule.effect == "drop":
                 raise DroppedError
+            if rule.effect == "intrude" and not rule.after:
+                self._intrude()
         try:
-            told = self._answer()
+            stale = any(rule.effect == "stale" for rule in rules)
+            told = self._answer_as_before() if stale else self._answer()
         except RefusalError as refusal:
             told = refusal.answer
         except (DroppedError, ConnectionError):
@@ -193,10 +201,21 @@ class Request(BaseHTTPRequestHandler):
             self.server.hub.failures.append(traceback.format_exc())
             told = RefusalError(500, "Internal Server Error").answer
         for rule in rules:
-            if rule.after:
+            if rule.after and rule.effect == "hold":
                 self._hold(rule)
             if rule.effect == "stall":
                 told.before_the_rest = rule.released.wait
+            if rule.effect == "intrude" and rule.after:
+                self._intrude()
+            if rule.effect == "answer":
+                rule.reached.set()
+                told = Answer(rule.status, rule.body, dict(rule.headers))
+            if rule.effect == "damage" and told.body:
+                place = len(told.body) // 2
+                wrong = bytes([told.body[place] ^ 1])
+                told.body = told.body[:place] + wrong + told.body[place + 1 :]
+            if rule.effect == "cut":
+                told.before_the_rest = self._close
             if rule.effect == "lose response":
                 raise DroppedError
         return told
@@ -212,6 +231,33 @@ class Request(BaseHTTPRequestHandler):
                 with self.server.hub.lock:
                     return function(self.server.hub, self, **groups)
         raise RefusalError(404, f"this Hub knows no call {self.command} {self.raw_path}")
+
+    def _answer_as_before(self) -> Answer:
+        """Return the answer that the request would have got before the newest commit."""
+        with self.server.hub.lock:
+            heads = []
+            for repository in self.server.hub.repositories.values():
+                head = repository.find("main")
+                heads.append((repository, head.oid))
+                repository.refs[MAIN] = head.parent or head.oid
+            try:
+                return self._answer()
+            finally:
+                for repository, head in heads:
+                    repository.refs[MAIN] = head
+
+    def _intrude(self) -> None:
+        """Let another user commit to the repository that is asked about."""
+        for kind, name in self.server.hub.repositories:
+            if name in unquote(self.raw_path):
+                self.server.hub.commit(name, kind=kind)
+                return
+
+    def _close(self) -> None:
+        """Close the connection before the rest of an answer is sent."""
+        self.wfile.flush()
+        self.close_connection = True
+        self.connection.shutdown(socket.SHUT_RDWR)
 
     def _hold(self, rule: Rule) -> None:
         """Wait for the release; drop the call if the client has gone in the meantime."""
@@ -254,7 +300,8 @@ class Request(BaseHTTPRequestHandler):
             half = len(told.body) // 2
             self.wfile.write(told.body[:half])
             told.before_the_rest()
-            self.wfile.write(told.body[half:])
+            with suppress(ConnectionError) if self.close_connection else nullcontext():
+                self.wfile.write(told.body[half:])
 
     def _control(self) -> Answer:
         """Change the faults, as another process asks."""

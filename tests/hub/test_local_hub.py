@@ -11,7 +11,7 @@ from pathlib import Path
 from urllib.error import HTTPError
 
 import pytest
-from quick_python import python
+from support.quick_python import python
 
 from hub.local_hub import SETTINGS
 

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from making import make_both
+from support.making import make_both
 
 
 @pytest.fixture(scope="session")

@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, ended, error_of, refused, run, spaced
-from making import Run
-from quick_python import python
-from tampering import content_of
+from support.commands import RUN, ended, error_of, refused, run, spaced
+from support.making import Run
+from support.quick_python import python
+from support.tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
 from pipeline.config.stage import CONFIG

@@ -1,7 +1,7 @@
 """Command lines and what they answer: exit status and output, as `command_lines.txt` holds them.
 
 Of the configuration that `--cfg job` prints, the file has the lines that differ from the defaults.
-`PYTHONPATH=.:tests/support python tests/pipeline/test_command_lines.py` writes the file again;
+`PYTHONPATH=.:tests python tests/pipeline/test_command_lines.py` writes the file again;
 `git diff` then shows what changed for a user.
 """
 
@@ -17,8 +17,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from commands import RUN, ended
-from quick_python import python
+from support.commands import RUN, ended
+from support.quick_python import python
 
 pytestmark = pytest.mark.slow
 

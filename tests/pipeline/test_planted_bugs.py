@@ -9,8 +9,8 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from composing import composed
-from policies import RELEASED
+from support.composing import composed
+from support.policies import RELEASED
 
 from pipeline.config.stages import STAGES
 
@@ -40,7 +40,7 @@ PLANTS = {
     "publish": [
         (
             ("publish.repo_id=user/labyrinth", "publish.version=1.0.0", "publish.dry_run=true"),
-            "pipeline.release.publish:write_card",
+            "pipeline.release.publish:prepared_card",
         )
     ],
     "export": [(("export=imitation",), "pipeline.export.stage:write_text")],

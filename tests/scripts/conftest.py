@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from learning import problem_of, require_reproducible
+from support.learning import problem_of, require_reproducible
 
 __all__ = ["problem_of", "require_reproducible"]

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import equal_weights, states_seen_by, targets_of
-from making import Run
+from support.learning import equal_weights, states_seen_by, targets_of
+from support.making import Run
 
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.policies.networks.acting import outputs_of

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from environments.environment import LABYRINTH, environment_of
 from environments.experts import expert_of, source_of
-from making import RunConfig, resolve
+from support.making import RunConfig, resolve
 
 pytestmark = pytest.mark.slow
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
 import pytest
 import run_queue as queue
-from composing import composed
+from support.composing import composed
 
 from pipeline.training.methods.method import find
 
@@ -17,7 +18,8 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     one_of_each = {each.kept.rpartition("-seed")[0]: each for each in queue.planned()}
     assert len(one_of_each) > 15
     for each in one_of_each.values():
-        *builds, (program, *training), (_, *evaluation) = map(shlex.split, each.commands())
+        *builds, train, evaluate = each.commands()
+        (program, *training), (_, *evaluation) = map(shlex.split, (train, evaluate))
         assert (queue.ROOT / program).exists()
         run = composed(*training)
         find(run.options.method_name, run.options.method, run.options.protocol)
@@ -26,9 +28,14 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
             Path(each.kept).stem,
         )
         assert composed(*evaluation).options.evaluate_on == each.evaluate_on
-        built = [composed(*options).folder for _, *options in builds]
-        assert Path(each.evaluate_on) in built or not each.evaluate_on
-        assert run.folder in built
+        folders = [options.rpartition("data_dir=")[2].split()[0] for options in builds]
+        assert Path(each.evaluate_on).parent.as_posix() in (folders[-1], ".")
+
+
+def test_each_run_trains_and_is_evaluated_at_least_once() -> None:
+    for each in queue.planned():
+        counts = re.findall(r"method\.(?:epochs|evaluate_every)=(\S+)", each.options)
+        assert all(int(count) > 0 for count in counts), each.kept
 
 
 def test_what_is_kept_is_not_repeated_and_all_hours_are_logged(

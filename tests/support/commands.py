@@ -11,9 +11,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from quick_python import python
 
 from pipeline.command.launch import run_command
+from support.quick_python import python
 
 RUN = Path(__file__).parents[2] / "run.py"
 

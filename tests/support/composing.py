@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from hydra import compose, initialize_config_dir
-from making import Run, RunConfig, resolve
 
 from pipeline.command.command_line import HYDRA, parsed, register
 from pipeline.command.composed import options_of
 from pipeline.command.texts import as_given
 from pipeline.config.method import CONF
+from support.making import Run, RunConfig, resolve
 
 
 def composed(*arguments: str) -> Run:

@@ -6,13 +6,12 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from making import Run, RunConfig, resolve
-
 from labyrinth_core import load_episodes
 from labyrinth_core.data.episodes import LoadedEpisode
 from pipeline.config.export import ExportOptions
 from pipeline.export import stage
 from pipeline.export.split import Split
+from support.making import Run, RunConfig, resolve
 
 SIZE = 40
 """Pixels on each side of the pictures that are exported."""

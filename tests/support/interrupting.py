@@ -7,10 +7,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from crashing import CrashError
 
 from labyrinth_core.data.manifest import Shard
 from pipeline.generation import build, workplace
+from support.crashing import CrashError
 
 
 @contextmanager

@@ -11,7 +11,6 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 import torch
-from making import Run
 from numpy.typing import NDArray
 
 from labyrinth_core.data.datasets import Dataset
@@ -23,6 +22,7 @@ from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.methods.method import find
+from support.making import Run
 
 torch.set_num_threads(1)
 

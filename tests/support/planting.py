@@ -7,12 +7,12 @@ from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
-from tampering import manifest_of
 
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
+from support.tampering import manifest_of
 
 DEFAULT, OTHER = "3x3", "3x4-key_and_door"
 """The two configs in the folder of these tests."""

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pyarrow.parquet as pq
-from brute_force import World, drawn
+
+from support.brute_force import World, drawn
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from submitted import keep, of_run
 
 import labyrinth_core
 from labyrinth_core.data.load import load_episodes
@@ -18,6 +17,7 @@ from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.world.dynamics import STEP_LIMIT
+from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"
 """The name of the method whose runs are left."""

@@ -5,7 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 from random import Random
 
-from brute_force import (
+from hypothesis import assume
+from hypothesis import strategies as st
+
+from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from support.brute_force import (
     World,
     grid_passages,
     labyrinth_of,
@@ -13,10 +17,6 @@ from brute_force import (
     structure_with,
     unavoidable,
 )
-from hypothesis import assume
-from hypothesis import strategies as st
-
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
 
 sides = st.integers(2, 5)
 randoms = st.integers(0, 2**32 - 1).map(Random)

@@ -137,15 +137,17 @@ class LoadedMapper(MapperPolicy):
         super().__init__(network, spec.network.height, spec.network.width)
         self.spec, self.resize = spec, spec.resize
 
-    def act(self, observations: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """Return the actions, shape (B,).
+    def act(
+        self, observations: NDArray[np.uint8], episodes: NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the actions, shape (B,); see `MapperPolicy.act`.
 
         Raises:
             PolicyError: The observations are not pictures.
             ValueError: The pictures have more colours than flat ones have.
         """
         _require_kind(self.spec, observations)
-        return super().act(observations)
+        return super().act(observations, episodes)
 
     def predict(
         self,

@@ -212,11 +212,18 @@ class MapperPolicy:
 
     def reset(self, count: int) -> None:
         """Begin `count` episodes."""
-        self._colours = np.zeros(0, np.uint32)
+        self._count, self._colours = count, np.zeros(0, np.uint32)
         self._plans = np.zeros((0, count), np.int64)
 
-    def act(self, observations: NDArray[np.uint8]) -> NDArray[np.int64]:
-        """Return the actions, shape (N,), for pictures of shape (N, side, side, 3).
+    def act(
+        self, observations: NDArray[np.uint8], episodes: NDArray[np.int64] | None = None
+    ) -> NDArray[np.int64]:
+        """Return the actions, shape (N,).
+
+        Args:
+            observations: Pictures, shape (N, side, side, 3).
+            episodes: The number of the episode of each picture, shape (N,); None for all episodes.
+                The first pictures have to be of all of them.
 
         Raises:
             ValueError: The pictures have more colours than flat ones have.
@@ -224,16 +231,18 @@ class MapperPolicy:
         pictures = [Slots.of(each) for each in observations]
         if not (self.remember and len(self._colours)):
             self._begin(pictures)
+            episodes = None  # The plans are those of these pictures.
+        episodes = np.arange(len(pictures)) if episodes is None else episodes
         cells = [
             each.cell_of(colour, *self.size)
-            for each, colour in zip(pictures, self._colours.tolist(), strict=True)
+            for each, colour in zip(pictures, self._colours[episodes].tolist(), strict=True)
         ]
-        return self._plans[np.arange(len(cells)), cells]
+        return self._plans[episodes, cells]
 
     def remembered(self) -> NDArray[np.int64]:
         """Return the memory of each episode: the agent's colour, and the action in each cell."""
         if not self.remember:
-            return np.zeros((len(self._colours), 0), np.int64)
+            return np.zeros((self._count, 0), np.int64)
         return np.column_stack([self._colours, self._plans])
 
     def _begin(self, pictures: list[Slots]) -> None:

@@ -9,11 +9,11 @@ import sys
 from collections import Counter
 from functools import partial
 
-import deceiving
 import gymnasium
 import numpy as np
 import pytest
-from deceiving import TWELVE, Corridor, FailsAtTimes, HashSeed, Late
+from support import deceiving
+from support.deceiving import TWELVE, Corridor, FailsAtTimes, HashSeed, Late
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import CertifyError, certification, repeats

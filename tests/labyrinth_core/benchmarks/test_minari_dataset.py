@@ -43,7 +43,8 @@ def datasets(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # About addresses and scores, which they do not have.
         patch.setenv("MINARI_DATASETS_PATH", str(tmp_path_factory.mktemp("minari")))
-        gymnasium.register("Corridor-v0", entry_point="deceiving:Corridor", max_episode_steps=4)
+        corridor = "support.deceiving:Corridor"
+        gymnasium.register("Corridor-v0", entry_point=corridor, max_episode_steps=4)
         env = gymnasium.make("Corridor-v0", disable_env_checker=True)
         for name, seeds, action in (("one-v0", range(10), 1), ("two-v0", (5, 25, 31), 0)):
             episodes = [walked(env, seed, action) for seed in seeds]

@@ -12,7 +12,7 @@ import numpy as np
 import pyarrow
 import pyarrow.parquet
 import pytest
-from deceiving import Corridor, SeedIgnored
+from support.deceiving import Corridor, SeedIgnored
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import CertifyError, repeats
@@ -62,7 +62,8 @@ def test_records_give_the_figures_of_the_certificate_that_wrote_them(certificate
 def test_a_certificate_is_a_section_in_markdown(certificate, tmp_path):
     certificate.save(tmp_path / "section.md")
     text = (tmp_path / "section.md").read_text()
-    assert text.startswith("## deceiving:Corridor: 6 train seeds (0:6), 60 test seeds (100:160)")
+    seeds = "6 train seeds (0:6), 60 test seeds (100:160)"
+    assert text.startswith(f"## support.deceiving:Corridor: {seeds}")
     assert certificate.sentence in text
     assert "| probes | 36 of 60, 60.0% (47.4 to 71.4%) of test in train |" in text
     with pytest.raises(CertifyError, match=r"certificate.txt: give a name that ends in .json, .md"):

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from wall_grids import BARE, GRID, LABYRINTH, changed
+from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.language.collection import read_collection

@@ -143,8 +143,8 @@ def test_a_version_that_draws_otherwise_makes_its_own_cache(data_dir, cache, mon
 
 
 def test_other_colours_make_their_own_cache_of_drawn_pictures(data_dir, cache, monkeypatch):
-    for count, colours in ((2, load.RECOLOURED), (3, load.DEFAULT_STYLE)):
-        monkeypatch.setattr(load, "RECOLOURED", colours)
+    for count, floor in ((2, "white"), (3, "grey")):
+        monkeypatch.setattr(load, "style_for", lambda *_, floor=floor: floor)
         for draw in (False, True):
             load_transitions(data_dir, "3x3", image_size=8, draw=draw, cache_dir=cache)
         assert len(list(cache.iterdir())) == count

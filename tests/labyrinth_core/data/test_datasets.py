@@ -10,13 +10,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any
 
-import huggingface_hub
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core import (
     Dataset,
@@ -31,6 +30,7 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
+from labyrinth_core.data import hub
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.notebooks import WIDTH, register
@@ -310,20 +310,22 @@ def test_all_of_a_dataset_on_the_hub_is_of_one_commit(
 ) -> None:
     commit = "0123456789abcdef0123456789abcdef01234567"
     shutil.copytree(data_dir, tmp_path / commit)
-    asked: list[tuple[str | None, list[str]]] = []
+    commits, asked = iter([commit, commit]), []
 
-    def snapshot_download(_: str, *, revision: str | None, allow_patterns: list[str], **__: Any):
-        asked.append((revision, [name.removeprefix("3x4/") for name in allow_patterns]))
-        return str(tmp_path / commit)
+    def download(_repo_id: str, _repo_type: str, of: str, names: list[str]) -> Path:
+        asked.append((of, [name.removeprefix("3x4/") for name in names]))
+        return tmp_path / of
 
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    monkeypatch.setattr(hub, "commit_of", lambda *_: next(commits))  # Asked once a dataset.
+    monkeypatch.setattr(hub, "download", download)
     data = Dataset("user/labyrinth", "3x4")
-    assert asked == [(None, [MANIFEST])]
+    assert asked == [(commit, [MANIFEST])]
     found = data["train"].transitions(**VECTOR)
     assert values(found) == values(load_transitions(data_dir, "3x4", **VECTOR))
-    assert asked[1:] == [(commit, [MANIFEST, "train-*.parquet"])]
+    shards = [shard.path for shard in data.manifest.of("train")]
+    assert asked[1:] == [(commit, [MANIFEST]), (commit, shards)]
     data["test"].filter(labyrinths=1).transitions(**VECTOR)
-    assert {revision for revision, _ in asked[1:]} == {commit}
+    assert {revision for revision, _ in asked} == {commit}
     assert repr(data).startswith("Dataset 3x4 of user/labyrinth\n")
     assert repr(Dataset("user/labyrinth", "3x4", "v1")).startswith(
         "Dataset 3x4 of user/labyrinth@v1\n"

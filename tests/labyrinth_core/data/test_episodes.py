@@ -8,7 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from tampering import put_shards
+from support.tampering import put_shards
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.episodes import replayed

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
-from making import make
-from publishing import REPO, run_script
+from support.making import make
+from support.publishing import REPO, run_script
 
 from pipeline.release.card import write_card
 

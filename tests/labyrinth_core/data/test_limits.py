@@ -19,7 +19,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core import DatasetError, load_transitions
 from labyrinth_core.data.dataset import Part

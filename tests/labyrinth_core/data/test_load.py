@@ -16,8 +16,9 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from datasets import load_dataset
-from tampering import episode_rows, put_shards
+from support.tampering import episode_rows, put_shards
 
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.load import load_episodes, load_transitions
@@ -279,7 +280,8 @@ def test_a_card_that_is_no_yaml_is_none_of_the_loaders_business(data_dir, tmp_pa
 )
 def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypatch, there, holds):
     files = ["README.md", *there]
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", lambda *_, **__: str(tmp_path))
+    monkeypatch.setattr(hub, "commit_of", lambda *_: "0" * 40)
+    monkeypatch.setattr(hub, "download", lambda *_: tmp_path)
     monkeypatch.setattr(huggingface_hub.HfApi, "list_repo_files", lambda *_, **__: files)
     with pytest.raises(DatasetError, match=rf"\Aconfig=9x9: user/labyrinth holds {holds}\Z"):
         load_transitions("user/labyrinth", "9x9")

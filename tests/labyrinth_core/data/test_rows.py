@@ -9,7 +9,7 @@ from pathlib import Path
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data.errors import readable
 from labyrinth_core.data.format import arrow_schema

@@ -7,15 +7,15 @@ import shutil
 from dataclasses import replace
 from pathlib import Path
 
-import huggingface_hub
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 import pyarrow.parquet as pq
 import pytest
-from tampering import put_shards
+from support.tampering import put_shards
 
 from labyrinth_core import load_arrays
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.load import load_episodes, load_transitions
@@ -188,14 +188,10 @@ def test_from_a_url_they_are_the_same(data_dir):
 @pytest.mark.parametrize(
     ("options", "asked"),
     [
-        ({"split": "s0", "revision": "v1"}, [[MANIFEST, "s0-*.parquet"]]),
+        ({"split": "s0", "revision": "v1"}, [f"s0-0000{n}-of-00003.parquet" for n in range(3)]),
         (
             {"split": "test", "labyrinths": 4},
-            [
-                [MANIFEST],
-                [MANIFEST, TABLE],
-                [MANIFEST, *(f"test-0000{n}-of-00003.parquet" for n in (0, 1))],
-            ],
+            [TABLE, *(f"test-0000{n}-of-00003.parquet" for n in (0, 1))],
         ),
     ],
     ids=["all", "some"],
@@ -203,17 +199,18 @@ def test_from_a_url_they_are_the_same(data_dir):
 def test_from_the_hub_come_only_the_shards_that_hold_some(data_dir, monkeypatch, options, asked):
     calls = []
 
-    def snapshot_download(*source, **how):
-        calls.append((source, how.pop("allow_patterns")))
-        assert (source, how.pop("repo_type")) == (("user/labyrinth",), "dataset")
-        assert how == {"revision": options.get("revision")}
-        return str(data_dir)
+    def download(*source, names):
+        calls.append(names)
+        assert source == ("user/labyrinth", "dataset", f"{options.get('revision')} now")
+        return data_dir
 
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    monkeypatch.setattr(hub, "commit_of", lambda *source: f"{source[2]} now")
+    monkeypatch.setattr(hub, "download", lambda *source: download(*source[:3], names=source[3]))
     from_hub = load_episodes("user/labyrinth", "3x4", observation="vector", **options)
     local = {name: options[name] for name in options if name != "revision"}
     assert ids_of(from_hub) == ids_of(load_episodes(data_dir, "3x4", **local))
-    assert [how for _, how in calls] == [[f"3x4/{name}" for name in names] for names in asked]
+    names = [name.removeprefix("3x4/") for names in calls for name in names]
+    assert [name for name in names if name != MANIFEST] == asked
 
 
 # Errors of a user.

@@ -13,8 +13,8 @@ from uuid import uuid4
 import fsspec
 import numpy as np
 import pytest
-from making import Run, RunConfig, resolve
-from s3_server import S3Server, serving
+from support.making import Run, RunConfig, resolve
+from support.s3_server import S3Server, serving
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions

@@ -26,7 +26,7 @@ import pyarrow.parquet as pq
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from tampering import put_shards
+from support.tampering import put_shards
 
 from labyrinth_core import (
     DatasetError,

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from making import Run
-from tampering import cut_short
+from support.making import Run
+from support.tampering import cut_short
 
 from labyrinth_core import (
     Dataset,

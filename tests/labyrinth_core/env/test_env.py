@@ -15,9 +15,9 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.utils.env_checker import check_env
 from gymnasium.wrappers import PassiveEnvChecker, TimeAwareObservation, TimeLimit
 from hypothesis import given, settings
-from known_labyrinths import OPEN
-from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
-from strategies import labyrinths
+from support.known_labyrinths import OPEN
+from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
+from support.strategies import labyrinths
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse

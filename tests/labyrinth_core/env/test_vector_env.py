@@ -10,8 +10,8 @@ import pytest
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.error import ResetNeeded
 from gymnasium.vector import AutoresetMode, SyncVectorEnv
-from known_labyrinths import OPEN
-from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
+from support.known_labyrinths import OPEN
+from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 
 from labyrinth_core.env import LabyrinthEnv, next_labyrinths
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv

@@ -5,16 +5,16 @@ from __future__ import annotations
 import sys
 from dataclasses import replace
 
-import huggingface_hub
 import numpy as np
 import pytest
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
-from labyrinths_of_datasets import CONFIGS
-from policies import Chance, Remembering, Rounds, Table, chance, mistaken
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
 from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
@@ -418,21 +418,19 @@ def test_all_splits_but_the_random_one_are_evaluated(datasets):
 def test_a_dataset_on_the_hub_is_read_at_the_commit_of_its_revision(datasets, monkeypatch):
     asked = []
 
-    def snapshot_download(source, *, revision, allow_patterns, **_):
-        asked.append((source, revision, *allow_patterns))
-        return str(datasets)
+    def download(source, _repo_type, commit, names):
+        asked.append((source, commit, *names))
+        return datasets
 
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    monkeypatch.setattr(hub, "commit_of", lambda _source, _repo_type, revision: f"{revision} now")
+    monkeypatch.setattr(hub, "download", download)
     options = {"revision": "v1", "image_size": 8, "splits": ["test"]}
     results = evaluate(Rounds(1), "user/name", "3x4", **options)
     assert (results.dataset, results.revision) == ("user/name", "v1")
-    first, *later = asked
-    assert first == ("user/name", "v1", "3x4/manifest.json")
-    manifest = ("user/name", datasets.name, "3x4/manifest.json")  # At the commit that was found.
-    assert later == [
-        (*manifest, "3x4/train-*.parquet"),
-        (*manifest, "3x4/test-*.parquet"),
-    ]
+    assert {each[:2] for each in asked} == {("user/name", "v1 now")}
+    files = {name.rpartition("/")[2] for _, _, *names in asked for name in names}
+    shards = {f"{split}-00000-of-00001.parquet" for split in ("train", "test")}
+    assert files == {"manifest.json", *shards}
 
 
 # What it says that it has to be shown.

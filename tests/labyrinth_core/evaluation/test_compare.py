@@ -7,8 +7,8 @@ from math import comb, exp
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS
-from policies import Chance, chance
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Chance, chance
 
 from labyrinth_core import compare, load_arrays
 from labyrinth_core.data.buckets import bucket_of, sample_test

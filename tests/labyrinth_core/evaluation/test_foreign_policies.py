@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import torch
-from policies import Remembering, Rounds, Table, mistaken
+from support.policies import Remembering, Rounds, Table, mistaken
 
 from labyrinth_core import PolicyError, evaluate, load_arrays
 

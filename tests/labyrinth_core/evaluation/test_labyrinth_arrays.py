@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS, labyrinths_of
+from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
 from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError

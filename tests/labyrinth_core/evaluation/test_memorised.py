@@ -10,9 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
-from making import Run
 from numpy.typing import NDArray
-from policies import Chance, Remembering, Rounds, Table, chance
+from support.making import Run
+from support.policies import Chance, Remembering, Rounds, Table, chance
 
 from labyrinth_core import Dataset, PolicyError, load_arrays, load_episodes, memorised, parse
 from labyrinth_core.data.dataset_config import DatasetConfig
@@ -327,6 +327,8 @@ def test_datasets_whose_train_could_be_no_other_are_refused(
         train_labyrinths=32,
     )
     assert 0.1 < some.shared < 0.4
+    monkeypatch.setattr(module, "MOST_BYTES", 10**5)
+    assert "give fewer controls" in refused(made.folder, made.config.name, controls=CONTROLS)
     monkeypatch.setattr(module, "train_set", lambda config: (config, []))
     assert "its train is not what its config draws" in refused(made.folder, made.config.name)
 

@@ -6,8 +6,8 @@ from collections import Counter, defaultdict
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS
-from policies import Table
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Table
 
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation.baselines import TrainMemory

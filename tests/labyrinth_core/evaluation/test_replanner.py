@@ -7,8 +7,8 @@ import re
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from labyrinths_of_datasets import CONFIGS
-from strategies import connected_structures
+from support.labyrinths_of_datasets import CONFIGS
+from support.strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays
 from labyrinth_core.evaluation.answers import Player, PolicyError

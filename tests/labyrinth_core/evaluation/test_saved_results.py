@@ -11,9 +11,9 @@ from time import process_time
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS
-from policies import Rounds
-from submitted import add_up, content_of, forgetful, of_few, of_run, results_of
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Rounds
+from support.submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 
 from labyrinth_core import memorised
 from labyrinth_core.data.errors import DatasetError

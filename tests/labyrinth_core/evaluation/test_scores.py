@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from labyrinths_of_datasets import CONFIGS
-from policies import Table, mistaken
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import Table, mistaken
 
 from labyrinth_core.evaluation.baselines import TrainMemory, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays

@@ -1,11 +1,11 @@
 import pickle
 from pathlib import Path
 
-import fuzzing
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support import fuzzing
 
 import labyrinth_core
 from labyrinth_core.language.drawing import draw_text

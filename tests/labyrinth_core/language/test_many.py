@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import labyrinths
+from support.strategies import labyrinths
 
 from labyrinth_core.language.many import dump_many, parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse

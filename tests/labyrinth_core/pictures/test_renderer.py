@@ -10,7 +10,10 @@ from random import Random
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from PIL import Image
+from support.brute_force import (
     grid_passages,
     labyrinth_of,
     passages_of,
@@ -20,11 +23,8 @@ from brute_force import (
     structure_with,
     world_of,
 )
-from hypothesis import given, settings
-from hypothesis import strategies as st
-from known_labyrinths import KEY_AND_DOOR
-from PIL import Image
-from strategies import labyrinths, randoms
+from support.known_labyrinths import KEY_AND_DOOR
+from support.strategies import labyrinths, randoms
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import strips_of

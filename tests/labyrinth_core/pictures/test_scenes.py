@@ -7,7 +7,7 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from strategies import labyrinths
+from support.strategies import labyrinths
 
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for

@@ -1,11 +1,11 @@
 """The vector form: positions first, then the wall grid."""
 
 import numpy as np
-from brute_force import passages_of, sees, world_of
 from hypothesis import given
 from hypothesis import strategies as st
-from known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
-from strategies import labyrinths
+from support.brute_force import passages_of, sees, world_of
+from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
+from support.strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.vector import vector_observation

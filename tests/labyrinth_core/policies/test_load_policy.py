@@ -18,9 +18,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from labyrinths_of_datasets import CONFIGS
-from policies import RELEASED, RELEASED_SPEC, lay_out_released, lay_out_run
 from safetensors.torch import load_file, save_file
+from support.labyrinths_of_datasets import CONFIGS
+from support.policies import RELEASED, RELEASED_SPEC, lay_out_released, lay_out_run
 
 from labyrinth_core import (
     DatasetError,

@@ -5,7 +5,7 @@ from dataclasses import fields
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import labyrinths
+from support.strategies import labyrinths
 
 from labyrinth_core.world.batch import Tables, tabulate, tabulate_many
 from labyrinth_core.world.batch_sampling import sample_each

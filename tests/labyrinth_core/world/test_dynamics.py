@@ -4,10 +4,19 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from brute_force import WAYS, chi_square, is_over, passages_of, sees, situations, step, world_of
 from hypothesis import given
 from hypothesis import strategies as st
-from strategies import labyrinths, structures
+from support.brute_force import (
+    WAYS,
+    chi_square,
+    is_over,
+    passages_of,
+    sees,
+    situations,
+    step,
+    world_of,
+)
+from support.strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
     Action,

@@ -7,7 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brute_force import (
     WAYS,
     grid_passages,
     is_connected,
@@ -18,9 +20,7 @@ from brute_force import (
     structure_with,
     world_of,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from strategies import labyrinths, randoms, structures
+from support.strategies import labyrinths, randoms, structures
 
 from labyrinth_core.world.dynamics import Action
 from labyrinth_core.world.labyrinth import (

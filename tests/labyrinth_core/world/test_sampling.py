@@ -5,14 +5,14 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brute_force import (
     all_structures,
     chi_square,
     is_connected,
     passages_of,
 )
-from hypothesis import given
-from hypothesis import strategies as st
 
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import (

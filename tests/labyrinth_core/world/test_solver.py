@@ -6,7 +6,9 @@ from itertools import groupby
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brute_force import (
     WAYS,
     best_actions,
     chi_square,
@@ -17,10 +19,8 @@ from brute_force import (
     step,
     world_of,
 )
-from brute_force import simple_routes as brute_simple_routes
-from hypothesis import given
-from hypothesis import strategies as st
-from strategies import labyrinths, structures
+from support.brute_force import simple_routes as brute_simple_routes
+from support.strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
     State,

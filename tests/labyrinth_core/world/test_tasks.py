@@ -7,7 +7,9 @@ from itertools import combinations, permutations
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brute_force import (
     World,
     all_structures,
     chi_square,
@@ -19,9 +21,7 @@ from brute_force import (
     unavoidable,
     world_of,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from strategies import connected_structures, labyrinths
+from support.strategies import connected_structures, labyrinths
 
 from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
 from labyrinth_core.world.sampling import sample_structures

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from deceiving import Corridor
+from support.deceiving import Corridor
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import repeats

@@ -9,7 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.certify.labyrinths import read_elsewhere

@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from planting import labyrinths, transposed
-from wall_grids import BARE, GRID, LABYRINTH, changed
+from support.planting import labyrinths, transposed
+from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS

@@ -11,13 +11,13 @@ from typing import Any
 
 import pytest
 import yaml
-from composing import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.utils import get_class
 from hypothesis import given
 from hypothesis import strategies as st
-from making import RunConfig, resolve
 from omegaconf import OmegaConf
+from support.composing import composed
+from support.making import RunConfig, resolve
 
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS

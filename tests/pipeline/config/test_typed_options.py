@@ -9,12 +9,12 @@ import shlex
 from typing import get_origin
 
 import pytest
-from composing import composed
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
-from making import RunConfig
+from support.composing import composed
+from support.making import RunConfig
 
 from pipeline.command.command_line import arranged, parsed, refusal
 from pipeline.command.composed import DEFAULTS, KINDS, unused
@@ -125,7 +125,7 @@ def refused(argument: str) -> str:
     ("name", "advice"),
     [
         ("sise", "did you mean size?"),
-        ("results.replay", "did you mean results_dir?"),
+        ("results.replai", "did you mean results.replay?"),
         ("episodes", "did you mean evaluation.episodes?"),
         ("epochs", "did you mean method.epochs?"),
         ("evaluation.name.x", "did you mean evaluation.name?"),

@@ -8,8 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from labyrinth_core import evaluate, load_policy
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.baselines import TrainMemory
@@ -87,7 +86,7 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=train"):
         stage.run(elsewhere(trained.data_dir, seed=7))
     other = build(tmp_path, labyrinths=2)
-    with pytest.raises(DatasetError, match=r"was trained on another dataset than .* evaluate_on="):
+    with pytest.raises(DatasetError, match=r"on another dataset than .*; policy=.* evaluates it"):
         stage.run(elsewhere(other.data_dir))
 
 
@@ -215,9 +214,10 @@ def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
     small = build(tmp_path / "data", labyrinths=2)
     run = run_of(small.data_dir, tmp_path / "runs")
     identity = train.identify(run, {}, Manifest.read(small.folder).fingerprint)
+    data = Dataset.at(small.folder)
     grow()
     with pytest.raises(DatasetError, match="grew while it was read: run this again"):
-        train._train(run, tmp_path, tmp_path / "checkpoint", identity, 30)
+        train._train(run, data, tmp_path, tmp_path / "checkpoint", identity, 30)
 
 
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
@@ -241,6 +241,27 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
             arrays = load_arrays(data_dir, name, split)
             assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     assert (folder / "results.json").read_bytes() == before
+
+
+def test_the_folder_of_a_run_is_the_run_on_its_own_dataset_and_on_another_one(
+    trained, elsewhere, run_of, build, tmp_path
+):
+    """`policy=RUN` gives what the options of the run give: the same file, references and seed."""
+    folder = trained.training_folder
+    for path in folder.glob("results*.json"):
+        path.unlink()
+    stage.run(trained)
+    longer = build(tmp_path, labyrinths=3 * trained.dataset.labyrinths)
+    where = f"{longer.data_dir}/{longer.dataset.name}"
+    stage.run(elsewhere(trained.data_dir, evaluate_on=where))
+    files = {path: path.read_bytes() for path in folder.glob("results*.json")}
+    assert len(files) == 2
+    for data_dir in (trained.data_dir, longer.data_dir):
+        for path in files:
+            path.unlink(missing_ok=True)
+        stage.run(run_of(data_dir, tmp_path, stages=["evaluate"], policy=str(folder)))
+        (path,) = folder.glob("results*.json")
+        assert path.read_bytes() == files[path]
 
 
 def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
@@ -271,7 +292,7 @@ def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
     vectors = {"encoder": "mlp", "observation": "vector"}
     train.run(run_of(small_dataset.data_dir, tmp_path, **vectors))
     for name, error, message in (
-        ("3x4", ConfigError, r"evaluate_on=.*/3x4: .* vectors of 3x3, .* of 3x4"),
+        ("3x4", PolicyError, r"the policy needs vectors of 3x3, .* those of 3x4, .*"),
         ("9x9", DatasetError, "config=9x9: .*"),
     ):
         run = run_of(small_dataset.data_dir, tmp_path, **vectors, evaluate_on=f"{datasets}/{name}")

@@ -9,12 +9,12 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import RUN, ended
-from making import make
 from PIL import Image
-from policies import RELEASED, lay_out_run
-from publishing import REPO, environment, local_hub, published
-from quick_python import python
+from support.commands import RUN, ended
+from support.making import make
+from support.policies import RELEASED, lay_out_run
+from support.publishing import REPO, environment, local_hub, published
+from support.quick_python import python
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
@@ -25,7 +25,7 @@ from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.options import source_of
 from pipeline.evaluation import evaluate as stage
-from pipeline.evaluation.named import named_policy
+from pipeline.evaluation.named import opened
 from pipeline.evaluation.options import EvaluationOptions
 
 __all__ = ["local_hub"]
@@ -183,7 +183,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
         ("strange:unmade", PolicyError, "raised LookupError: no weights"),
         ("strange:seven", PolicyError, "answered action 7: give 0 up, 1 right, 2 down or 3 left"),
         (".@1.0.0", ConfigError, r"policy=\.@1\.0\.0: \. is a folder, which has no revisions"),
-        ("absent", DatasetError, "absent is neither a folder nor an id such as user/planner-5x5"),
+        ("absent", DatasetError, "absent is neither a folder, a file, nor an id such as user/plan"),
         ("strange.py", DatasetError, r"strange\.py is .*: a policy in Python is module:name"),
     ],
 )
@@ -311,7 +311,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     done = ended([python(), str(RUN), *by_id, "revision=1.0.0"], env=environment(local_hub))
     assert done.returncode == 0, done.stderr
     there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
-    policy = named_policy("strange:right")
+    policy = opened("strange:right")
     here = evaluate(policy, data_dir, "2x3").to_json(Description("strange:right"))
     assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
     assert there["splits"] == here["splits"]

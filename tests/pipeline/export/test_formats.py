@@ -12,8 +12,8 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from exporting import SIZE, episodes, split_of
-from making import Run
+from support.exporting import SIZE, episodes, split_of
+from support.making import Run
 
 from labyrinth_core.data.manifest import TABLE
 from pipeline.export import imitation, lerobot

@@ -7,8 +7,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from exporting import SIZE, episodes, export
-from making import Run
+from support.exporting import SIZE, episodes, export
+from support.making import Run
 
 from labyrinth_core.data.errors import DatasetError
 

@@ -15,13 +15,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import huggingface_hub
 import pyarrow.parquet as pq
 import pytest
-from exporting import export, split_of
-from making import Run
-from tampering import content_of
+from support.exporting import export, split_of
+from support.making import Run
+from support.tampering import content_of
 
+from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE
 from labyrinth_core.data.storage import file_sha256
@@ -211,20 +211,21 @@ def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_it
     own = export(run, tmp_path / "own", "lerobot", "test")
     assert json.loads((own / "test-v0" / stage.RECORD).read_bytes())["licence"] == "mit, cc0-1.0"
 
-    def snapshot_download(_, *, allow_patterns, **__):
-        asked.extend(allow_patterns)
+    def download(_repo_id, _repo_type, _commit, names):
+        asked.extend(names)
         cache = tmp_path / "cache"
-        for pattern in allow_patterns:
-            for path in run.data_dir.glob(pattern):
-                (cache / path.relative_to(run.data_dir)).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy(path, cache / path.relative_to(run.data_dir))
-        return str(cache)
+        for name in names:
+            (cache / name).parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(run.data_dir / name, cache / name)
+        return cache
 
-    monkeypatch.setattr(huggingface_hub, "snapshot_download", snapshot_download)
+    monkeypatch.setattr(hub, "commit_of", lambda *_: "0" * 40)
+    monkeypatch.setattr(hub, "download", download)
     found = export(run, tmp_path / "hub", "lerobot", "test", dataset="user/labyrinth")
     assert content_of(found) == content_of(own)
-    assert {"3x3/labyrinths.parquet", "README.md", "3x3/test-*.parquet"} <= set(asked)
-    assert "3x3/train-*.parquet" not in asked
+    shard = "3x3/{}-00000-of-00001.parquet".format
+    assert {"3x3/labyrinths.parquet", "README.md", shard("test")} <= set(asked)
+    assert shard("train") not in asked
 
 
 def test_a_drive_without_locks_is_told_what_to_set(

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from making import Run
+from support.making import Run
 
 
 @pytest.fixture(scope="session")

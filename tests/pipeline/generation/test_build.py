@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from brute_force import simple_routes, world_of
 from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
-from interrupting import CrashError, before_each_shard
-from making import Run
 from PIL import Image
-from tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
+from support.brute_force import simple_routes, world_of
+from support.interrupting import CrashError, before_each_shard
+from support.making import Run
+from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import arrow_schema

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from interrupting import CrashError, before_each_shard
 from joblib.externals.loky import get_reusable_executor
-from making import Run
-from tampering import content_of, cut_short
+from support.interrupting import CrashError, before_each_shard
+from support.making import Run
+from support.tampering import content_of, cut_short
 
 from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig

@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from making import Run
 from PIL import Image
-from tampering import (
+from support.making import Run
+from support.tampering import (
     MOVED,
     OTHER,
     RANDOM,

@@ -12,9 +12,9 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from making import Run
-from planting import write
-from tampering import (
+from support.making import Run
+from support.planting import write
+from support.tampering import (
     OTHER,
     RANDOM,
     TRAIN,

@@ -13,8 +13,8 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from making import Run
-from tampering import TRAIN, manifest_of, problems, read_rows, rows_of
+from support.making import Run
+from support.tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from brute_force import Place, fewest_moves, is_connected
-from making import Run
-from read_from_text import Shown, shown
-from tampering import problems, replace_first
+from support.brute_force import Place, fewest_moves, is_connected
+from support.making import Run
+from support.read_from_text import Shown, shown
+from support.tampering import problems, replace_first
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.manifest import Manifest

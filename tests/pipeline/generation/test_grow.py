@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from interrupting import CrashError, before_each_shard
-from making import Run
-from tampering import content_of, manifest_of
+from support.interrupting import CrashError, before_each_shard
+from support.making import Run
+from support.tampering import content_of, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest

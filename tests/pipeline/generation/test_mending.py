@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from interrupting import before_each_shard
-from making import Run, run_of
-from tampering import TRAIN, content_of, cut_short, identities, manifest_of
+from support.interrupting import before_each_shard
+from support.making import Run, run_of
+from support.tampering import TRAIN, content_of, cut_short, identities, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from making import Run
 from pyarrow.parquet import read_table
-from tampering import problems
+from support.making import Run
+from support.tampering import problems
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset

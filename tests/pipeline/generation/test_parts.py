@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from making import Run
-from tampering import content_of
+from support.making import Run
+from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import temporary_beside

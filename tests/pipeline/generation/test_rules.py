@@ -7,7 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 
 import pytest
-from making import run_of
+from support.making import run_of
 
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.world.dynamics import Action, replay

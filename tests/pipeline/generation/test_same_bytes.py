@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data.format import NUMBERS
 from labyrinth_core.data.storage import write_bytes

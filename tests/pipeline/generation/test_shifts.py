@@ -10,11 +10,11 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from brute_force import World, fewest_moves, is_connected, loops, walk
-from making import Run
-from read_from_text import Shown, shown
 from rich.progress import Progress
-from tampering import problems, replace_first, rows_of, with_a_wall_opened
+from support.brute_force import World, fewest_moves, is_connected, loops, walk
+from support.making import Run
+from support.read_from_text import Shown, shown
+from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from brute_force import (
+from hypothesis import given
+from hypothesis import strategies as st
+from support.brute_force import (
     all_structures,
     is_connected,
     passages_of,
 )
-from hypothesis import given
-from hypothesis import strategies as st
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig

@@ -11,7 +11,8 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from brute_force import (
+from datasets import load_dataset
+from support.brute_force import (
     World,
     moves_to_go,
     passages_of,
@@ -20,9 +21,8 @@ from brute_force import (
     step,
     world_of,
 )
-from datasets import load_dataset
-from making import Run
-from tampering import Rows, read_rows
+from support.making import Run
+from support.tampering import Rows, read_rows
 
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS

@@ -12,9 +12,9 @@ from typing import Any
 
 import filelock
 import pytest
-from interrupting import CrashError, before_each_shard, crash
-from making import Run
-from tampering import content_of, identities
+from support.interrupting import CrashError, before_each_shard, crash
+from support.making import Run
+from support.tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST

@@ -6,7 +6,7 @@ import json
 import shutil
 
 import pytest
-from planting import labyrinths
+from support.planting import labyrinths
 
 from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS

@@ -9,8 +9,8 @@ from typing import Any
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from making import Run
-from tampering import content_of
+from support.making import Run
+from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE

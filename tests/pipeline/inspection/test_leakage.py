@@ -7,7 +7,7 @@ from statistics import median
 
 import numpy as np
 import pytest
-from brute_force import all_structures
+from support.brute_force import all_structures
 
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth, Structure

@@ -6,9 +6,9 @@ from collections import Counter
 
 import numpy as np
 import pytest
-from making import make
-from planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
-from tampering import cut_short
+from support.making import make
+from support.planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
+from support.tampering import cut_short
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError

@@ -16,9 +16,9 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
-from crashing import CrashError, killed_before
-from renaming import ERRORS, no_folder_is_renamed
-from tampering import content_of
+from support.crashing import CrashError, killed_before
+from support.renaming import ERRORS, no_folder_is_renamed
+from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (

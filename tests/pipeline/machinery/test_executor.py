@@ -18,8 +18,8 @@ from typing import Any
 import distributed
 import pytest
 from joblib.externals.loky import get_reusable_executor
-from making import Run
-from tampering import content_of
+from support.making import Run
+from support.tampering import content_of
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError

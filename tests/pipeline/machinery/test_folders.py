@@ -6,9 +6,9 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from crashing import Crash, CrashError
-from renaming import ERRORS, no_folder_is_renamed
-from tampering import content_of
+from support.crashing import Crash, CrashError
+from support.renaming import ERRORS, no_folder_is_renamed
+from support.tampering import content_of
 
 from pipeline.machinery import folders
 from pipeline.machinery.folders import move_into_place, recover

@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import RUN, run
-from making import Run, RunConfig, resolve
-from quick_python import python
+from support.commands import RUN, run
+from support.making import Run, RunConfig, resolve
+from support.quick_python import python
 
 from pipeline.command.hints import next_command
 from pipeline.config.stages import STAGES

@@ -12,8 +12,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from making import Run
-from tampering import content_of
+from support.making import Run
+from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
@@ -23,10 +23,9 @@ from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import moves_and_routes
 from pipeline.generation import check
-from pipeline.inspection import front_matter
 from pipeline.questions import stage as questions
 from pipeline.release import card
-from pipeline.release.verify import check_config
+from pipeline.release.verify import verify
 
 pytestmark = pytest.mark.slow
 
@@ -67,8 +66,7 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
         assert rows[0]["image_300"].size == (300, 300)
         for row in rows.remove_columns(["image", "image_300"]):
             assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
-    (manifest,) = front_matter.finished(asked.data_dir)
-    check_config(str(asked.data_dir), None, manifest, asked.data_dir)
+    assert verify(str(asked.data_dir), None, asked.data_dir) == "every config loads"
     with pytest.raises(DatasetError, match=f"holds {NAME}$"):  # They have no episodes.
         load_transitions(asked.data_dir, f"{NAME}-questions", split="test")
 
@@ -96,10 +94,8 @@ def test_the_questions_are_validated(copied, capsys):
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
         check.run(copied)
     manifest = Manifest.read(folder, companion="questions")
-    shards = [
-        replace(shard, sha256=file_sha256(folder / TEST)) if shard.path == TEST else shard
-        for shard in manifest.shards
-    ]
+    now = {"sha256": file_sha256(folder / TEST), "bytes": (folder / TEST).stat().st_size}
+    shards = [replace(shard, **now) if shard.path == TEST else shard for shard in manifest.shards]
     replace(manifest, shards=tuple(shards)).write(folder)
     with pytest.raises(DatasetError) as error:
         check.run(copied)

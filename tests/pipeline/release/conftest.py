@@ -8,8 +8,8 @@ from pathlib import Path
 
 import pytest
 from hub.local_hub import LocalHub
-from making import Run, RunConfig, make, resolve
-from publishing import local_hub, published
+from support.making import Run, RunConfig, make, resolve
+from support.publishing import local_hub, published
 
 __all__ = ["local_hub"]
 

@@ -17,12 +17,12 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 import yaml
-from commands import ended
-from composing import composed
 from huggingface_hub import DatasetCard, DatasetCardData
-from making import RunConfig, make, make_both, resolve
 from PIL import Image
-from planting import DEFAULT, OTHER, labyrinths, plant
+from support.commands import ended
+from support.composing import composed
+from support.making import RunConfig, make, make_both, resolve
+from support.planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
@@ -37,7 +37,7 @@ from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import card
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
-from pipeline.release.files import files_of
+from pipeline.release.repository import listed as files_of
 from pipeline.release.texts import Release
 
 pytestmark = pytest.mark.slow

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 from PIL import Image
-from planting import DEFAULT, OTHER
+from support.planting import DEFAULT, OTHER
 
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS

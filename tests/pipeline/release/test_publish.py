@@ -6,15 +6,12 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 import yaml
 from hub.local_hub import LocalHub
-from huggingface_hub import HfApi
-from making import run_of
-from publishing import (
+from support.publishing import (
     REPO,
     ROOT,
     built,
@@ -29,10 +26,7 @@ from publishing import (
 )
 
 from labyrinth_core.data.splits import BASE_SPLITS
-from pipeline.release.card import write_card
 from pipeline.release.faults import reasons
-from pipeline.release.publish import _carded
-from pipeline.release.remote import DATASET, Remote
 
 pytestmark = pytest.mark.slow
 
@@ -183,7 +177,7 @@ def test_a_version_is_published_once(
         error = error_of(publish(released_hub, released, "1.0.0", option))
         assert error == (
             f"the tag 1.0.0 of {REPO} is at {refs['refs/tags/1.0.0'][:12]}, with other data "
-            "(2x3/manifest.json): choose another publish.version"
+            "(2x3/labyrinths.parquet): choose another publish.version"
         )
     assert released_hub.refs(REPO) == refs
     assert changes(released_hub, asked) == []
@@ -222,30 +216,6 @@ def test_a_dry_run_without_token_or_network_lists_what_a_new_repository_would_ge
     whole = [line for line in lines if "(to be created, private): " in line]
     assert [line.split()[0] for line in whole] == [REPO, "user/env"]
     assert len(local_hub.log) == 0
-
-
-def test_a_dry_run_copies_nothing_and_follows_no_link_to_what_is_not_released(
-    releasable: Path, tmp_path: Path
-) -> None:
-    write_card(releasable)
-    (tmp_path / "private").mkdir()
-    (tmp_path / "private" / "key").write_text("mine")
-    (releasable / "notes.txt").write_text("mine")
-    for name, place in (("a", "."), ("b", "."), ("x", tmp_path / "private"), ("y", "nowhere")):
-        (releasable / name).symlink_to(place)
-        (releasable / "2x3" / name).symlink_to(place)
-    before = built(releasable)
-    options = run_of(releasable, size="2x3").options
-    asked = replace(options.publish, repo_id=REPO, version="1.0.0", dry_run=True)
-    run = run_of(releasable, size="2x3", publish=asked)
-    remote = Remote(HfApi(), REPO, DATASET, is_unseen=True)
-    with _carded(run, remote) as folder:
-        assert folder.stat().st_mode & 0o077 == 0
-        names = {path.relative_to(folder).as_posix() for path in folder.rglob("*")}
-        assert names == {*before, "pictures", "2x3"} - {"notes.txt"}
-        links = [path for path in folder.rglob("*") if path.is_symlink()]
-        assert {each.resolve().parent for each in links} == {releasable.resolve() / "2x3"}
-    assert built(releasable) == before
 
 
 def test_a_dry_run_tells_what_the_release_does_and_both_leave_what_is_not_theirs(

@@ -9,11 +9,20 @@ from typing import Any
 
 import pytest
 import yaml
-from exporting import export
 from hub.local_hub import LocalHub
-from huggingface_hub import HfApi
-from making import Run, resolve
-from publishing import REPO, built, changes, error_of, held, kill_in, publish, published, run_script
+from support.exporting import export
+from support.making import Run, resolve
+from support.publishing import (
+    REPO,
+    built,
+    changes,
+    error_of,
+    held,
+    kill_in,
+    publish,
+    published,
+    run_script,
+)
 
 from labyrinth_core.data.errors import DatasetError
 from pipeline.config.errors import ConfigError
@@ -129,7 +138,7 @@ def exported(small_dataset: Run, tmp_path_factory: pytest.TempPathFactory) -> Ru
 def test_an_export_of_a_dataset_that_has_no_id_says_how_it_is_made(
     exported: Run, tmp_path: Path
 ) -> None:
-    stage_export(exported, tmp_path, HfApi())
+    stage_export(exported, tmp_path, is_unseen=False)
     files = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
     card = (tmp_path / "README.md").read_text(encoding="utf-8")
     assert {"meta/info.json", "data/chunk-000/file-000.parquet", "labyrinth.json"} < files
@@ -154,5 +163,5 @@ def test_an_export_that_is_not_there_as_it_is_asked_for_is_not_published(
     options = exported.options
     run = replace(exported, options=replace(options, export=replace(options.export, **asked)))
     with pytest.raises((ConfigError, DatasetError)) as caught:
-        stage_export(run, tmp_path, HfApi())
+        stage_export(run, tmp_path, is_unseen=False)
     assert message in str(caught.value)

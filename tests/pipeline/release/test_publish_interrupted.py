@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from hub.local_hub import LocalHub
-from publishing import REPO, built, changes, held, kill_in, large, published
+from support.publishing import REPO, built, changes, held, kill_in, large, published
 
 pytestmark = pytest.mark.slow
 

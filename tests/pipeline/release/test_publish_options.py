@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from making import RunConfig, resolve
-from publishing import REPO
+from support.making import RunConfig, resolve
+from support.publishing import REPO
 
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
@@ -25,6 +25,7 @@ EXPORT = {"export": "user/labyrinth-lerobot", "version": "1.0.0"}
         (WHERE | {"repo_id": "user/a/b"}, {}, "publish.repo_id=user/a/b: give the id"),
         (WHERE | {"version": ""}, {}, "publish.version=: give three numbers, such as 1.0.0"),
         (WHERE | {"version": "v1"}, {}, "publish.version=v1: give three numbers"),
+        (WHERE | {"version": "01.0.0"}, {}, "publish.version=01.0.0: give three numbers"),
         (MODEL | {"model": "planner"}, {}, "publish.model=planner: give the id of a model on the"),
         (MODEL, {}, "dataset=: give the id on the Hub of the dataset that the policy or the"),
         *(

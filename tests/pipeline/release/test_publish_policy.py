@@ -14,11 +14,20 @@ from typing import Any
 import pytest
 from hub.local_hub import LocalHub
 from huggingface_hub import ModelCard
-from making import Run
-from publishing import REPO, changes, environment, error_of, held, publish, published, run_script
-from submitted import of_few
+from support.making import Run
+from support.publishing import (
+    REPO,
+    changes,
+    environment,
+    error_of,
+    held,
+    publish,
+    published,
+    run_script,
+)
+from support.submitted import of_few
 
-from labyrinth_core import evaluate, load_policy
+from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
@@ -38,10 +47,10 @@ MODEL = "user/planner-3x3"
 FOUR_WAYS = """
 import json, sys
 import torch
-from policies import Remembering
+from support.policies import Remembering
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.evaluation.description import Description
-from pipeline.evaluation.named import named_policy
+from pipeline.evaluation.named import opened
 
 torch.set_num_threads(1)
 blocks, data_dir, model = json.loads(sys.argv[1]), *sys.argv[2:]
@@ -52,8 +61,8 @@ asked = {
     "function": lambda observations: loaded(observations),
     "module": loaded.network,
     "steps": Remembering(loaded),
-    "id": named_policy(model),
-    "id and revision": named_policy(model + "@1.0.0"),
+    "id": opened(model),
+    "id and revision": opened(model + "@1.0.0"),
 }
 some = ["test", "s0_and_g"]
 figures = {name: evaluate(each, data_dir, "3x3", splits=some) for name, each in asked.items()}
@@ -112,8 +121,8 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     assert [r.metric_value for r in data.eval_results] == figures
 
     blocks = re.findall(r"```python\n(.*?)```", card, re.DOTALL)
-    support = str(Path(__file__).parents[2] / "support")
-    path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], support])
+    tests = str(Path(__file__).parents[2])
+    path = os.pathsep.join([environment(local_hub)["PYTHONPATH"], tests])
     arguments = (json.dumps(blocks), data_dir, MODEL)
     done = run_script(local_hub, FOUR_WAYS, *arguments, PYTHONPATH=path)
     results = json.loads(done.stdout.splitlines()[-1])
@@ -204,6 +213,19 @@ def test_a_policy_of_another_dataset_than_the_one_on_the_hub_is_not_published(
     other = replace(manifest, shards=[replace(first, fingerprint="0" * 64), *others])
     told = f"{trained.training_folder} was trained on another dataset than {REPO}: their finger"
     assert refused(of_hub(trained), other, staged).startswith(told)
+
+
+def test_a_card_says_whether_the_policy_follows_its_own_train(
+    trained: Run, copied: Run, manifest: Manifest, staged: Path
+) -> None:
+    path = copied.training_folder / "results.json"
+    receipt = memorised(load_policy(copied.training_folder), source_of(trained), "3x3", controls=10)
+    results = replace(Results.load(path), memorised=receipt)
+    results.save(path, name=copied.run_name.name)
+    stage_policy(copied, staged, COMMIT, manifest)
+    card = " ".join((staged / "README.md").read_text(encoding="utf-8").split())
+    assert f"{receipt.excess:+.2f} points more than the consensus of other training sets" in card
+    assert f"p = {receipt.p:.3f} among 10 of them" in card
 
 
 def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(

@@ -1,20 +1,18 @@
-"""The verification of a release, with a folder in the place of the Hub."""
+"""The sample of a release that is loaded, with a folder in the place of the Hub."""
 
 from __future__ import annotations
 
-import os
+import tempfile
 from pathlib import Path
-from typing import Any
 
 import pytest
-from making import make
-from planting import DEFAULT
+from support.making import make
+from support.planting import DEFAULT
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.storage import locked
 from pipeline.inspection import front_matter
 from pipeline.release import verify
-from pipeline.release.verify import check_config
 
 
 @pytest.mark.slow
@@ -28,26 +26,31 @@ from pipeline.release.verify import check_config
 def test_rows_that_are_not_the_published_ones_are_found(
     carded: Path, tmp_path: Path, seed: int, labyrinths: int, message: str
 ) -> None:
-    for manifest in front_matter.finished(carded):
-        check_config(str(carded), None, manifest, carded)
-    other = make(tmp_path, DEFAULT, labyrinths=labyrinths, random_steps=25, seed=seed)
+    assert verify.verify(str(carded), None, carded) == "every config loads"
+    make(tmp_path, DEFAULT, labyrinths=labyrinths, random_steps=25, seed=seed)
+    described = front_matter.described(front_matter.finished(tmp_path))
+    config, info = described["configs"][0], described["dataset_info"][0]
     with pytest.raises(DatasetError) as error:
-        check_config(str(carded), None, Manifest.read(other), tmp_path)
+        verify.check_config(str(carded), None, tmp_path, config, info, streaming=False)
     assert str(error.value) == message.format(DEFAULT)
 
 
-def test_a_folder_of_the_cache_that_is_renamed_meanwhile_does_not_end_the_watch(
+def test_what_a_killed_verification_left_is_removed_by_the_next(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    for name in ("half/shard", "other/shard"):
-        (tmp_path / name).parent.mkdir()
-        (tmp_path / name).write_bytes(b"12345")
-    scandir = os.scandir
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    left, running = tmp_path / f"{verify.PREFIX}left", tmp_path / f"{verify.PREFIX}running"
+    for folder in (left, running):
+        folder.mkdir()
+        (folder / "download").write_bytes(b"half")
+    left.with_name(f"{left.name}.lock").touch()
+    with locked(running.with_name(f"{running.name}.lock")):
+        with verify._scratch() as place:
+            assert {*tmp_path.iterdir()} == {
+                *(each for folder in (running, place) for each in (folder, _lock_of(folder)))
+            }
+        assert {*tmp_path.iterdir()} == {running, _lock_of(running)}
 
-    def renaming(path: Any) -> Any:
-        if Path(path).name == "half":
-            Path(path).rename(tmp_path / "whole")
-        return scandir(path)
 
-    monkeypatch.setattr(os, "scandir", renaming)
-    assert verify._bytes_in(tmp_path) == 5
+def _lock_of(folder: Path) -> Path:
+    return folder.with_name(f"{folder.name}.lock")

@@ -10,8 +10,8 @@ from functools import reduce
 from operator import getitem
 
 import pytest
-from reporting import METHOD, analyse, evaluate, evaluate_own
-from tampering import content_of
+from support.reporting import METHOD, analyse, evaluate, evaluate_own
+from support.tampering import content_of
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.datasets import Dataset
@@ -22,7 +22,7 @@ from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES
 from pipeline.release.card import write_card
-from pipeline.release.files import files_of
+from pipeline.release.repository import listed
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
@@ -85,13 +85,13 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
 def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
     write_card(data_dir)
     before = content_of(data_dir)
-    published = files_of(data_dir)
+    published = {*listed(data_dir)}
     path = write_report(data_dir, tmp_path / "runs")
     after = content_of(data_dir)
     assert {name: after[name] for name in before} == before
     written = {path, path.with_name(HASHES)}
     assert set(after) - set(before) == {str(each.relative_to(data_dir)) for each in written}
-    assert files_of(data_dir) == published
+    assert {*listed(data_dir)} == published
 
 
 def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():

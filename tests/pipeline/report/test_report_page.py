@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from making import Run
 from playwright.sync_api import Browser, Page, expect, sync_playwright
-from reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
+from support.making import Run
+from support.reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import memorised

@@ -11,7 +11,7 @@ import json
 from copy import deepcopy
 
 import pytest
-from submitted import content_of, forgetful, of_run, results_of
+from support.submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.scores import ACCURACIES
 from pipeline.results import results as stage

@@ -10,10 +10,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from commands import RUN, ended
-from policies import Rounds
-from quick_python import python
-from submitted import content_of, forgetful, of_run, results_of
+from support.commands import RUN, ended
+from support.policies import Rounds
+from support.quick_python import python
+from support.submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description
@@ -223,7 +223,8 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
 ):
     page = (ROOT / "docs" / "evaluation.md").read_text(encoding="utf-8")
     section = page.split("## Leaderboard\n")[1].split("\n## ")[0]
-    [command] = re.findall(r"```sh\npython run\.py (.*)\n```", section)
+    command, replay = re.findall(r"```sh\npython run\.py (.*)\n```", section)
+    assert replay == f"{command} results.replay=true"
     shutil.copytree(small_dataset.data_dir, tmp_path / "data" / "labyrinth")
     content = content_of(results["planner"], "planner")
     submit(content, "a.json")
@@ -294,8 +295,9 @@ def test_of_methods_that_solve_nothing_none_is_first(entry):
 
 def test_the_leaderboard_begins_with_the_ranks(entry):
     page = leaderboard(boards([entry("a", 0.5)]))["leaderboard.md"]
-    _, heading, *lines = [line for line in page.splitlines() if line.startswith(("#", "|"))]
-    assert (heading, lines[0]) == ("## 5x5", "| rank | method | SPL | SR | n |")
+    title, heading, *lines = filter(None, page.splitlines())
+    table = "| rank | method | SPL | SR | n | outcomes |"
+    assert (title, heading, lines[0]) == ("# Leaderboard", "## 5x5", table)
     assert page.index("## How to read it") > page.index("fingerprint is")
 
 

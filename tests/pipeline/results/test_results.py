@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from rich.console import Console
-from submitted import forgetful, keep, of_run, results_of
+from support.submitted import forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import read_json

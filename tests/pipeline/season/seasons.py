@@ -7,7 +7,7 @@ import tempfile
 from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
-from policies import RELEASED
+from support.policies import RELEASED
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError

@@ -9,18 +9,18 @@ from functools import partial
 
 import numpy as np
 import pytest
-from graphs import elsewhere, endless, linear, node, tensor
+from support.graphs import elsewhere, endless, linear, node, tensor
 
 from labyrinth_core import evaluate
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.policies import graph
+from labyrinth_core.policies.graph import GraphPolicy
+from labyrinth_core.policies.graph_process import ASKED
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.spec import GRAPH
-from pipeline.season import graph
 from pipeline.season.commitment import Season
-from pipeline.season.graph import computed
-from pipeline.season.graph_process import ASKED
 from pipeline.season.judge import judged
 from pipeline.season.submission import fetched
 
@@ -51,9 +51,9 @@ def test_a_graph_is_computed_as_it_is_written(tmp_path, dtype, small_dataset):
 
 def test_a_graph_may_look_at_vectors():
     weights = np.eye(7, 4, dtype=np.float32)
-    with computed(linear(weights, "int32", ("batch", 7)), "vectors") as policy:
+    with GraphPolicy(linear(weights, "int32", ("batch", 7)), "vectors") as policy:
         assert (policy.observation, policy.image_size) == ("vector", None)
-        with pytest.raises(PolicyError, match="have 7 numbers, those of this season 9"):
+        with pytest.raises(PolicyError, match="have 7 numbers, those of these labyrinths 9"):
             policy(np.zeros((2, 9), np.int32))
         assert policy(np.arange(14).reshape(2, 7)).tolist() == [[0, 1, 2, 3], [7, 8, 9, 10]]
 
@@ -61,7 +61,7 @@ def test_a_graph_may_look_at_vectors():
 @pytest.mark.parametrize("shape", [("b", "n"), ("", ""), ("b", 7)])
 def test_vectors_may_have_any_length_that_the_graph_declares(shape):
     weights = np.eye(7, 4, dtype=np.float32)
-    with computed(linear(weights, "int32", shape), "vectors") as policy:
+    with GraphPolicy(linear(weights, "int32", shape), "vectors") as policy:
         assert policy(np.arange(14).reshape(2, 7)).tolist() == [[0, 1, 2, 3], [7, 8, 9, 10]]
 
 
@@ -116,7 +116,7 @@ def test_vectors_may_have_any_length_that_the_graph_declares(shape):
 def test_a_hostile_graph_is_refused_in_one_line(content, message, small_dataset):
     with (
         pytest.raises(PolicyError, match=message) as refused,
-        computed(content, "evil.onnx") as policy,
+        GraphPolicy(content, "evil.onnx") as policy,
     ):
         evaluate(policy, small_dataset.data_dir, "3x3", splits=["test"])
     assert "\n" not in str(refused.value)
@@ -127,7 +127,7 @@ def test_a_graph_that_does_not_end_is_refused_in_time(monkeypatch):
     monkeypatch.setattr(graph, "SECONDS", 1.5)
     with (
         pytest.raises(PolicyError, match=r"it takes more than 1\.5 seconds$"),
-        computed(endless(), "evil.onnx") as policy,
+        GraphPolicy(endless(), "evil.onnx") as policy,
     ):
         policy(PICTURES)
 
@@ -135,7 +135,7 @@ def test_a_graph_that_does_not_end_is_refused_in_time(monkeypatch):
 def test_the_process_of_a_graph_has_a_limit_of_its_own_on_processor_time():
     batch = PICTURES[:1].tobytes()
     limited = (
-        "import sys; from pipeline.season import graph_process as g; g.SECONDS = 1; "
+        "import sys; from labyrinth_core.policies import graph_process as g; g.SECONDS = 1; "
         "g.serve(sys.stdin.buffer, sys.stdout.buffer)"
     )
     for content, status in ((linear(WEIGHTS), 0), (endless(), -signal.SIGXCPU)):

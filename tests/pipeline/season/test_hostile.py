@@ -12,9 +12,9 @@ from functools import partial
 
 import numpy as np
 import pytest
-from graphs import linear
-from policies import RELEASED, lay_out_run
 from seasons import Performer
+from support.graphs import linear
+from support.policies import RELEASED, lay_out_run
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError

@@ -14,9 +14,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from crashing import killed_before
-from graphs import endless
 from seasons import Performer
+from support.crashing import killed_before
+from support.graphs import endless
 
 from pipeline.machinery.artifact import HASHES
 from pipeline.season.commitment import Season
@@ -115,7 +115,7 @@ JUDGE = """
 import sys
 
 sys.path[:0] = sys.argv[3:]
-from making import run_of
+from support.making import run_of
 from pathlib import Path
 from seasons import Performer
 
@@ -149,7 +149,7 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
     shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
     (tmp_path / "evil.onnx").write_bytes(endless())
     tests = Path(__file__).parents[2]
-    paths = [str(tests.parent), str(tests / "support"), str(Path(__file__).parent)]
+    paths = [str(tests.parent), str(tests), str(Path(__file__).parent)]
     judge = subprocess.Popen(
         [sys.executable, "-c", JUDGE, str(tmp_path), str(tmp_path / "evil.onnx"), *paths]
     )

@@ -11,9 +11,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from policies import RELEASED
-from publishing import local_hub, run_script
 from seasons import Performer
+from support.policies import RELEASED
+from support.publishing import local_hub, run_script
 
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
@@ -191,10 +191,10 @@ import sys
 from pathlib import Path
 
 tests = Path(sys.argv[2])
-sys.path[:0] = map(str, [tests.parent, tests / "support", tests / "pipeline" / "season"])
+sys.path[:0] = map(str, [tests.parent, tests, tests / "pipeline" / "season"])
 from huggingface_hub import HfApi
-from making import run_of
-from policies import lay_out_released
+from support.making import run_of
+from support.policies import lay_out_released
 from seasons import Performer
 
 folder, api = Path(sys.argv[1]), HfApi()

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
 from safetensors import safe_open
+from support.learning import settings_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.learning.learner import Learner, Problem

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import equal_weights
-from making import Run
+from support.learning import equal_weights
+from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.observations import ObservationSpec

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
+from support.learning import settings_of
 
 from labyrinth_core.learning.learner import Problem
 from pipeline.config.errors import ConfigError

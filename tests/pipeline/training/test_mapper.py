@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
-from making import Run
 from numpy.typing import NDArray
+from support.learning import settings_of
+from support.making import Run
 
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
@@ -234,9 +234,11 @@ def counted(player: Player) -> tuple[Player, list[int]]:
     """Return a player, and how many pictures it was shown each time that it was asked."""
     asked: list[int] = []
 
-    def act(pictures: Any) -> Any:
+    act_in: Any = player.act
+
+    def act(pictures: Any, episodes: Any = None) -> Any:
         asked.append(len(pictures))
-        return player.act(pictures)
+        return act_in(pictures, episodes=episodes)
 
     return replace(player, act=act), asked
 

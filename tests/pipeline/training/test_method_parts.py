@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from learning import settings_of, targets_of
+from support.learning import settings_of, targets_of
 from torch import nn
 
+from labyrinth_core.learning import learner
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Rollout, Steps, draw, roll_out, softmax
 from labyrinth_core.policies.networks.network import Cnn
@@ -32,6 +35,25 @@ PICTURES = torch.randint(0, 256, (3, 64, 64, 3), dtype=torch.uint8)
 
 
 # Acting.
+
+
+def test_the_outputs_of_all_states_do_not_keep_those_of_each_batch(
+    problem_of: Problems, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    method = bco.Method(problem_of(), settings_of("bco"))
+    expected = method.outputs(method.policy)
+    outputs_of, made = learner.outputs_of, []
+
+    def noted(*arguments: Any) -> torch.Tensor:
+        assert sum(each() is not None for each in made) <= 1
+        some = outputs_of(*arguments)
+        made.append(weakref.ref(some))
+        return some
+
+    monkeypatch.setattr(learner, "outputs_of", noted)
+    monkeypatch.setattr(learner, "BATCH", 8)
+    assert torch.allclose(method.outputs(method.policy), expected)
+    assert len(made) > 5
 
 
 def test_classes_are_drawn_with_their_probabilities() -> None:

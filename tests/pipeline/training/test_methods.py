@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import equal_weights, states_seen_by
+from support.learning import equal_weights, states_seen_by
 from torch import nn
 
 from labyrinth_core.data.observations import Looks

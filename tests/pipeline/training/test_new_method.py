@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from making import Run
+from support.making import Run
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy

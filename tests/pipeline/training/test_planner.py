@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from learning import settings_of
-from making import Run
-from policies import RELEASED
+from support.learning import settings_of
+from support.making import Run
+from support.policies import RELEASED
 from torch import nn
 
 from labyrinth_core.data.observations import ObservationSpec

@@ -10,8 +10,8 @@ from types import ModuleType
 
 import numpy as np
 import pytest
-from learning import settings_of
-from making import Run
+from support.learning import settings_of
+from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays

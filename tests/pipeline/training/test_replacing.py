@@ -14,8 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashing import killed_before
-from making import Run
+from support.crashing import killed_before
+from support.making import Run
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import file_sha256

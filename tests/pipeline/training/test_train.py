@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 import torch
-from making import Run
+from support.making import Run
 
 from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
@@ -22,7 +22,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import check_training
-from pipeline.evaluation.trained import judge_trained
+from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
@@ -89,7 +89,7 @@ def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
     torch.set_default_device("meta")
     try:
         train.run(runs[1])
-        assert judge_trained(runs[1]).results.way == "look-ups"
+        assert results_of(runs[1]).way == "look-ups"
     finally:
         torch.set_default_device(None)
         torch.set_default_dtype(torch.float32)
@@ -351,7 +351,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
     assert rates[0] == rates[1]
-    judged = [judge_trained(run).results.splits for run in (held, drawn)]
+    judged = [results_of(run).splits for run in (held, drawn)]
     for split, scores in judged[0].items():
         assert scores.figures() == judged[1][split].figures()
 

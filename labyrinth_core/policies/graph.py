@@ -11,11 +11,11 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from importlib.util import find_spec
 from threading import Event, Timer
 from typing import Any, NoReturn
+from weakref import finalize
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from pipeline.season import graph_process
-from pipeline.season.graph_process import ANSWERED, ASKED, TYPES
+from labyrinth_core.policies import graph_process
+from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES
 
 SECONDS = float(graph_process.SECONDS)
 """The maximum seconds for loading a graph, and for answering a batch of observations."""
@@ -37,47 +37,57 @@ _LONGEST = 1 << 20
 """The maximum bytes of a description or an error."""
 
 
-@contextmanager
-def computed(content: bytes, named: str) -> Iterator[GraphPolicy]:
-    """Start a process that runs an ONNX graph, yield the policy, and end the process.
-
-    Args:
-        content: The graph.
-        named: The name of the policy in messages.
-
-    Raises:
-        DatasetError: Onnxruntime is not installed, or the system is not Linux.
-        PolicyError: The graph cannot be loaded, or has other inputs or outputs than a policy.
-    """
-    if sys.platform != "linux":
-        raise DatasetError(f"{named}: ONNX graphs need Linux, where memory can be limited")
-    if find_spec("onnxruntime") is None:
-        needed = "pip install 'labyrinth-datasets[onnx]'"
-        raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
-    command = [sys.executable, "-m", "pipeline.season.graph_process", str(os.getpid())]
-    with subprocess.Popen(
-        command,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        cwd="/",
-        env={"PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))},  # No token, no key.
-    ) as process:
-        try:
-            yield GraphPolicy(process, content, named)
-        finally:
-            process.kill()
-            if process.stdin is not None:
-                with suppress(BrokenPipeError):  # Bytes that it has not read are lost.
-                    process.stdin.close()
-
-
 class GraphPolicy:
-    """An ONNX graph as a policy: a function from observations to scores."""
+    """An ONNX graph as a policy: a function from observations to scores, computed elsewhere.
 
-    def __init__(self, process: subprocess.Popen[bytes], content: bytes, named: str) -> None:
-        """Load the graph into the process that computes it; see `computed`."""
-        self._process, self._named = process, named
+    The process that computes it ends with `close`, with a `with` block, or with the object.
+    """
+
+    def __init__(self, content: bytes, named: str) -> None:
+        """Start a process and load a graph into it.
+
+        Args:
+            content: The graph.
+            named: The name of the policy in messages.
+
+        Raises:
+            DatasetError: Onnxruntime is not installed, or the system is not Linux.
+            PolicyError: The graph cannot be loaded, or has other inputs or outputs than a policy.
+        """
+        if sys.platform != "linux":
+            raise DatasetError(f"{named}: ONNX graphs need Linux, where memory can be limited")
+        if find_spec("onnxruntime") is None:
+            needed = "pip install 'labyrinth-datasets[onnx]'"
+            raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
+        command = [sys.executable, "-m", graph_process.__name__, str(os.getpid())]
+        self._named = named
+        self._process = subprocess.Popen(
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            cwd="/",
+            env={
+                "PYTHONPATH": os.pathsep.join(map(os.path.abspath, sys.path))
+            },  # No token, no key.
+        )
+        self.close = finalize(self, _end, self._process)
+        """Ends the process."""
+        try:
+            self._load(content)
+        except BaseException:
+            self.close()
+            raise
+
+    def __enter__(self) -> GraphPolicy:
+        """Return the policy itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the process."""
+        self.close()
+
+    def _load(self, content: bytes) -> None:
         try:
             inputs, outputs = json.loads(self._ask(content, 0, None))
         except PolicyError:
@@ -113,7 +123,9 @@ class GraphPolicy:
         count = len(observations)
         if self._length not in (None, observations.shape[1]):
             length = observations.shape[1]
-            self._refuse(f"its vectors have {self._length} numbers, those of this season {length}")
+            self._refuse(
+                f"its vectors have {self._length} numbers, those of these labyrinths {length}"
+            )
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
         answer = self._ask(content, count, 4 * ACTIONS * count)
         return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)
@@ -163,6 +175,12 @@ class GraphPolicy:
 
     def _refuse(self, reason: str) -> NoReturn:
         raise PolicyError(f"{self._named} is refused: {reason:.300}")
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.kill()
+    with suppress(BrokenPipeError):  # Bytes that it has not read are lost.
+        process.communicate()
 
 
 def _are_pictures(kind: str, shape: list[int | str | None]) -> bool:

@@ -1,0 +1,140 @@
+"""Find a dataset: the folder that holds it, or what is downloaded of it from the Hub."""
+
+from __future__ import annotations
+
+import fnmatch
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import chain
+from pathlib import Path
+from posixpath import normpath
+
+from labyrinth_core.data.dataset_config import CONFIG_NAME
+from labyrinth_core.data.errors import DatasetError, readable
+from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.storage import AnyPath, folder_at
+
+HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+
+
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
+    """Return the folder with a dataset's manifest, or None for an id on the Hub.
+
+    Raises:
+        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
+        DatasetError: The source is neither a folder nor an id, or has no such config.
+    """
+    if not isinstance(config, str):
+        raise ValueError(f"config={config!r}: give a name, such as '5x5'")
+    try:
+        folder = folder_at(source)
+    except TypeError as error:
+        told = "give a folder, or an id such as user/labyrinth"
+        raise ValueError(f"source={source!r:.60}: {told}") from error
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    with readable(source):
+        is_dir = folder.is_dir()
+    if is_dir:
+        if revision is not None:
+            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+        with readable(source):
+            has_episodes = _has_episodes(folder / config)
+            is_inside = not has_episodes and (folder / MANIFEST).is_file()
+            there = [] if has_episodes else [*map(str, folder.glob(f"*/{MANIFEST}"))]
+        if is_inside:
+            raise DatasetError(
+                f"{source} is the folder of the config {folder.name}: give the folder that "
+                f"holds it, {folder.parent}"
+            )
+        if not has_episodes:
+            raise _no_config(source, config, there)
+        return folder / config
+    if not HUB_ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
+    return None
+
+
+@contextmanager
+def explained(source: str, revision: str | None) -> Iterator[None]:
+    """Turn the errors of the Hub's client into a DatasetError, one line."""
+    from huggingface_hub.errors import RevisionNotFoundError
+
+    from labyrinth_core.data.hub import UNAVAILABLE, reason_of
+
+    try:
+        yield
+    except DatasetError:
+        raise
+    except RevisionNotFoundError as error:
+        raise DatasetError(_no_revision(source, revision)) from error
+    except UNAVAILABLE as error:
+        raise DatasetError(f"{why_unavailable(source, error)}: {reason_of(error)}") from error
+
+
+def download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
+    """Download a dataset's manifest and the files that match; return the folder of the config.
+
+    Raises:
+        DatasetError: The Hub cannot provide them, or has no such config.
+    """
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import download, repeated, require_whole
+
+    def downloaded(names: Iterable[str]) -> Path:
+        paths = [normpath(f"{config}/{name}") for name in names]
+        return download(source, "dataset", commit, paths) / config
+
+    with explained(source, commit):
+        folder = downloaded([MANIFEST])
+        if not _has_episodes(folder):
+            there = repeated(
+                lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
+            )
+            if f"{config}/{MANIFEST}" in there:
+                raise DatasetError(f"{source}: the Hub lists {config}/{MANIFEST} but has it not")
+            raise _no_config(source, config, (path for path in there if path.count("/") == 1))
+        require_whole(folder / MANIFEST)
+    if files:
+        shards = [shard.path for shard in Manifest.read(folder).shards]
+        named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
+        with explained(source, commit):
+            downloaded([*chain.from_iterable(named)])
+    return folder
+
+
+def _no_revision(source: str, revision: str | None) -> str:
+    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
+    from huggingface_hub import HfApi
+
+    from labyrinth_core.data.hub import UNAVAILABLE
+
+    message = f"{source} has no revision {revision}"
+    try:
+        refs = HfApi().list_repo_refs(source, repo_type="dataset")
+    except UNAVAILABLE:
+        return message
+    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
+
+
+def why_unavailable(source: str, error: Exception) -> str:
+    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
+    file = error.filename if isinstance(error, OSError) else None
+    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+    if Path(source).is_dir():
+        return f"{source} cannot be read"
+    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
+
+
+def _has_episodes(folder: AnyPath) -> bool:
+    return (folder / MANIFEST).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
+
+
+def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{MANIFEST}"))
+    held = sorted(filter(CONFIG_NAME.fullmatch, names))
+    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")
