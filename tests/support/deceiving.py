@@ -147,7 +147,7 @@ class StepsDiffer(Corridor):
     """As Crafter: first observations repeat, steps do not."""
 
     def look(self) -> Any:
-        return np.array([self.level, self.steps and int(np.random.default_rng().integers(99))])
+        return np.array([self.level, self.steps and int(np.random.default_rng().integers(2**40))])
 
 
 class Late(Corridor):

@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 from labyrinth_core.data.manifest import Shard
-from pipeline.generation import build, workplace
+from pipeline.generation import build
+from pipeline.machinery import folders
 from support.crashing import CrashError
 
 
@@ -30,7 +31,7 @@ def before_each_shard(act: Callable[[], None]) -> Iterator[None]:
 @contextmanager
 def crash(moment: str) -> Iterator[None]:
     """End a build before or after the move into place, or while a file of this name is written."""
-    move, replace = workplace.move_into_place, Path.replace
+    move, replace = folders.move_into_place, Path.replace
 
     def crashing_move(shards: Path, folder: Path, mark: str) -> None:
         if moment == "after the move":
@@ -44,7 +45,7 @@ def crash(moment: str) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         if moment.endswith("the move"):
-            patch.setattr(workplace, "move_into_place", crashing_move)
+            patch.setattr(folders, "move_into_place", crashing_move)
         else:
             patch.setattr(Path, "replace", crashing_replace)
             patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
 import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -104,9 +105,11 @@ def put_shards(
 
 @contextmanager
 def manifest_of(folder: Path) -> Iterator[dict[str, Any]]:
-    """Lend the content of a manifest to be changed, then write it."""
+    """Lend the content of a manifest to be changed, then write it, with its fingerprint."""
     content = json.loads((folder / MANIFEST).read_bytes())
     yield content
+    parts = [f"{shard['split']}:{shard['fingerprint']}" for shard in content["shards"]]
+    content["fingerprint"] = hashlib.sha256("\n".join(parts).encode()).hexdigest()
     (folder / MANIFEST).write_text(json.dumps(content))
 
 

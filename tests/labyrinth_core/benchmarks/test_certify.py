@@ -151,7 +151,7 @@ def test_the_specification_of_a_nondeterministic_environment_is_read():
 
 @pytest.mark.slow
 def test_levels_that_follow_a_hash_stand_only_where_its_seed_is_fixed(tmp_path):
-    program = "from deceiving import HashSeed; from labyrinth_core import certify; "
+    program = "from support.deceiving import HashSeed; from labyrinth_core import certify; "
     program += "print(certify(HashSeed, range(9), range(9, 20), probes=1, steps=4))"
     done = subprocess.run(
         [sys.executable, "-c", program],

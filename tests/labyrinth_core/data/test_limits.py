@@ -37,7 +37,7 @@ import resource, sys
 import numpy, pyarrow, pyarrow.acero, pyarrow.compute as pc, pyarrow.dataset, pyarrow.parquet
 import labyrinth_core
 from labyrinth_core import (
-    load_arrays, load_episodes, load_transitions, stream_episodes, stream_transitions
+    Dataset, load_arrays, load_episodes, load_transitions, stream_episodes, stream_transitions
 )
 from labyrinth_core.data.errors import DatasetError
 from pipeline.generation.check import validate
