@@ -50,8 +50,8 @@ PLANTS = {
     ],
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
-        ((f"policy={RELEASED}",), "pipeline.evaluation.named:evaluate"),
-        ((*TRAINING, "overwrite=true"), "pipeline.training.checkpoint:_object"),
+        ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
+        ((*TRAINING, "overwrite=true"), "pipeline.evaluation.trained:require_same"),
     ],
     "results": [((), "labyrinth_core.evaluation.results:check_shape")],
     "certify": [
@@ -62,7 +62,7 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.episodes:encode",
+            "labyrinth_core.benchmarks.tape:Tape.all",
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
@@ -80,7 +80,6 @@ READERS = (
     "parse",
     "question",
     "_read",
-    "_object",
     "check_rows",
     "_check",
 )
