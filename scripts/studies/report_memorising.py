@@ -32,12 +32,14 @@ def headline() -> str:
     points = [each["excess"] for each in receipts]
     share = np.mean([each["excess"] / each["most"] for each in receipts])
     trains = len({each["train"] for each in asked})
+    released = next(each["receipt"]["p"] for each in kept() if each["method"] == "released")
     return (
-        f"**Behaviour cloning follows what its own training set happened to show. {found} of "
+        f"**Behavioural cloning follows what its own training set happened to show. {found} of "
         f"{len(asked)} networks, on {trains} training sets of 100 labyrinths of 5x5, follow their "
         f"own set more than any of 200 others that the same distribution gives (p = 0.005): in "
         f"{min(points):.1f} to {max(points):.1f} more of 100 states of `test` than these explain, "
-        f"{share:.0%} of what a policy would reach that always did. The planner does not.**"
+        f"{share:.0%} of what a policy would reach that always did. Of the planner p is "
+        f"{released:.3f}.**"
     )
 
 
@@ -172,7 +174,9 @@ def _points(group: Sequence[Kept]) -> str:
 
 
 def _ranked(ranks: Sequence[float]) -> str:
-    """Return each rank, or, of many, the least and the largest."""
+    """Return each rank, or, of many, the least and the largest if they differ."""
+    if len(ranks) > 1 and min(ranks) == max(ranks):
+        return f"{ranks[0]:.3f} each"
     shown = ranks if len(ranks) <= 5 else [min(ranks), max(ranks)]
     return (", " if shown is ranks else " to ").join(f"{rank:.3f}" for rank in shown)
 
