@@ -13,8 +13,9 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.world.buckets import bucket_at_any_ends, split_of
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import MAX_DRAWS, default_start_and_goal, draw_start_and_goal, place
 
 

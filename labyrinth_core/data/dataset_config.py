@@ -11,7 +11,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS, SPLI
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.tasks import check_open_walls
 

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Query, Source
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
@@ -26,7 +27,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.world.labyrinth import Labyrinth
 
 if TYPE_CHECKING:
     import pyarrow as pa

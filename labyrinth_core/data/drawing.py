@@ -18,15 +18,12 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.dynamics import Episode, random_episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import (
-    erring_route,
-    moves_and_routes,
-    shortest_route,
-    shortest_routes,
-    simple_routes,
+    Solver,
 )
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
     change_start,
     change_start_and_goal,
@@ -174,18 +171,19 @@ def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
     kind = SPLITS[split]
     # A shift that changes only pictures uses the randomness of its parent.
     drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
+    solver = Solver(labyrinth)
     make_rng = partial(Drawing(config).rng, drawn_for, labyrinth.structure, ACTING)
     if split == "random":
         episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
     elif config.noise:
-        episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
+        episodes = [replay(labyrinth, solver.erring_route(config.noise, make_rng()))]
     elif config.solutions == "shortest":
-        episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
+        episodes = [replay(labyrinth, solver.shortest_route(make_rng))]
     else:
-        enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
-        routes = enumerate_routes(labyrinth, config.solutions_limit)
+        every = solver.simple_routes if config.solutions == "all" else solver.shortest_routes
+        routes = every(config.solutions_limit)
         episodes = [replay(labyrinth, route) for route in routes]
-    return Solution(episodes, moves_and_routes(labyrinth))
+    return Solution(episodes, solver.moves_and_routes())
 
 
 def _random_episodes(

@@ -20,10 +20,10 @@ from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.world.batch import Labyrinths, replay_many
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import optimal_actions
+from labyrinth_core.world.solver import Solver
 
 PARSED_CELLS = 2**16
 """The cells of labyrinths that are parsed and replayed in one batch."""
@@ -162,7 +162,7 @@ class Episodes:
     which: NDArray[np.int64]
     """The index in `labyrinths` of each row's labyrinth, shape (n,)."""
     states: NDArray[np.int64]
-    """The index of each row's state, as in `dynamics.state_index`, shape (n,)."""
+    """The index of each row's state, as in `Labyrinth.state_index`, shape (n,)."""
     over: NDArray[np.bool_]
     """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
     ids: NDArray[np.int64]
@@ -218,7 +218,7 @@ class Episodes:
 
     def optimal(self) -> NDArray[np.bool_]:
         """Return which actions begin a shortest route in each row, shape (n, 4)."""
-        tables = np.stack([optimal_actions(labyrinth) for labyrinth in self.parsed()])
+        tables = np.stack([Solver(labyrinth).optimal_actions() for labyrinth in self.parsed()])
         return tables[self.which, self.states]
 
 
@@ -292,7 +292,7 @@ def _together(
     # Only the last row of an episode has NO_ACTION.
     if labyrinths is None or ((actions < NO_ACTION) | (actions > 3)).any():
         return None
-    replayed = replay_many(labyrinths, which, whole.firsts, actions)
+    replayed = labyrinths.replay(which, whole.firsts, actions)
     if replayed is None:
         return None
     of_row = np.repeat(which, whole.lasts - whole.firsts + 1)

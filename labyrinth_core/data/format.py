@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.dynamics import Action, Episode
+from labyrinth_core.world.dynamics import Episode
+from labyrinth_core.world.state import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa

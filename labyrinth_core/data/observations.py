@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.episodes import Episodes
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.pictures.observations import KINDS
@@ -18,8 +19,9 @@ from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Look, whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look
+from labyrinth_core.world.state import State
 
 OBSERVATIONS = ("image", *KINDS)
 
@@ -104,7 +106,7 @@ class ObservationSpec:
             return self.look_together(labyrinths, which, states, pictures)
         parsed = episodes.parsed()
         seen = zip(which.tolist(), states.tolist(), strict=True)
-        looks = self.look([(parsed[n], state_at(parsed[n], state)) for n, state in seen])
+        looks = self.look([(parsed[n], parsed[n].state_at(state)) for n, state in seen])
         if pictures is None:
             return looks
         pictures[:] = looks
@@ -129,7 +131,7 @@ class ObservationSpec:
         Args:
             labyrinths: The labyrinths.
             which: The index of each state's labyrinth, shape (N,).
-            states: The index of each state, as in `dynamics.state_index`, shape (N,).
+            states: The index of each state, as in `Labyrinth.state_index`, shape (N,).
             pictures: Output array, shape (N, image_size, image_size, 3); None for a new one.
         """
         if self.observation != "image":
@@ -166,7 +168,7 @@ class Looks:
             spec: How the states are observed.
             labyrinths: One or more labyrinths of one size and task.
             which: The index of each state's labyrinth, shape (S,).
-            states: The index of each state in it, as in `dynamics.state_index`, shape (S,).
+            states: The index of each state in it, as in `Labyrinth.state_index`, shape (S,).
         """
         self._spec, self._labyrinths = spec, labyrinths
         self._which, self._states = which, states
@@ -191,7 +193,7 @@ class Looks:
         if not self._alike:
             pairs = zip(which.tolist(), states.tolist(), strict=True)
             parsed = self._labyrinths
-            return self._spec.look([(parsed[n], state_at(parsed[n], state)) for n, state in pairs])
+            return self._spec.look([(parsed[n], parsed[n].state_at(state)) for n, state in pairs])
         group, place = self._group[which], self._place[which]
         parts = []
         for number, alike in enumerate(self._alike):

@@ -23,13 +23,13 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.load import Transition, episodes_of
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.rows import TOGETHER
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

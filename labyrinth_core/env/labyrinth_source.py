@@ -11,11 +11,13 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
 from labyrinth_core.world.buckets import BUCKETS, SPLITS, bucket_at_any_ends, split_of
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, whole
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.state import STEP_LIMIT
 from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
 
 Choice = TypeVar("Choice")

@@ -22,8 +22,9 @@ from labyrinth_core.pictures.vector import (
     tile_count,
 )
 from labyrinth_core.world.batch import Structures, Tables
-from labyrinth_core.world.dynamics import seen_together
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look, Task
+from labyrinth_core.world.structure import seen_together
 
 
 class Stack:
@@ -155,7 +156,7 @@ class Stack:
         return vectors
 
     def visible(self) -> NDArray[np.bool_]:
-        """Return `dynamics.visible_from` for each agent, shape (count, height, width)."""
+        """Return `Structure.visible_from` for each agent, shape (count, height, width)."""
         side = max(self._height, self._width)
         seen = seen_together(self._transitions.reshape(-1, 4), self._now, side)
         return seen.reshape(-1, self._height, self._width)

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import Task, whole
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.state import Action
 
 if TYPE_CHECKING:
     from labyrinth_core.data.observations import ObservationSpec

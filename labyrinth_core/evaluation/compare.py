@@ -26,6 +26,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.buckets import sample_test
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.answers import Player, fitted
@@ -33,8 +34,7 @@ from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.labyrinth import whole
+from labyrinth_core.world.state import STEP_LIMIT
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""

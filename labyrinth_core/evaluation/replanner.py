@@ -16,8 +16,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
-from labyrinth_core.world.dynamics import Action, neighbours, seen_together
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.state import Action, neighbours
+from labyrinth_core.world.structure import seen_together
 
 REPLANNERS = ("replanner", "without memory")
 """The names of the replanner's figures, with memory and without."""

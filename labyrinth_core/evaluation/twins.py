@@ -25,7 +25,6 @@ from labyrinth_core.data.drawing import draw_labyrinths, solve
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.vector import tile_count, vector_observations
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 
 FIRST_SEED = 2**62
@@ -69,7 +68,7 @@ class Demonstrated:
     labyrinth: NDArray[np.int64]
     """The number of each state's labyrinth among `labyrinths`, shape (M,)."""
     state: NDArray[np.int64]
-    """The index of each state in its labyrinth, as in `dynamics.state_index`, shape (M,)."""
+    """The index of each state in its labyrinth, as in `Labyrinth.state_index`, shape (M,)."""
     shares: NDArray[np.float32]
     """The share of the demonstrations that take each action in the state, shape (M, 4)."""
 
@@ -88,7 +87,7 @@ class Demonstrated:
                 for episode in solve(config, "train", labyrinth).episodes:
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
-                        place = train, number, state_index(labyrinth, state)
+                        place = train, number, labyrinth.state_index(state)
                         taken.setdefault(place, [0, 0, 0, 0])[action] += 1
                 number += 1
         counts = np.array([*taken.values()], np.float32)

@@ -20,8 +20,9 @@ from labyrinth_core.pictures.vector import (
     vector_observations,
 )
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.state import State
 
 Numbers = NDArray[np.int64]
 

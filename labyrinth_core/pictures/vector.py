@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.batch import Labyrinths, Structures
-from labyrinth_core.world.dynamics import State, seen_together, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.state import State
+from labyrinth_core.world.structure import seen_together
 
 OPEN, WALL, ICE = 0, 1, 2
 """The entries of the wall grid; what the agent does not see is encoded as a wall.
@@ -113,7 +115,7 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
             vector[4] = GONE
     if labyrinth.task.rules.hides:
         visible = np.zeros((structure.height, structure.width), np.bool_)
-        visible.flat[list(visible_from(structure, state.agent))] = True
+        visible.flat[list(structure.visible_from(state.agent))] = True
         grid = vector[tile_count(labyrinth.task) :]
         hide(grid.reshape(2 * structure.height - 1, 2 * structure.width - 1), visible)
         grid[vector[1:3]] = OPEN
@@ -128,7 +130,7 @@ def vector_observations(
     Args:
         labyrinths: The labyrinths of the states.
         which: The index of each state's labyrinth, shape (N,).
-        states: The index of each state, as in `dynamics.state_index`, shape (N,).
+        states: The index of each state, as in `Labyrinth.state_index`, shape (N,).
     """
     vectors = initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ground)[which]
     visible = None

@@ -12,7 +12,8 @@ from typing import Any, TypeVar
 
 from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.world.structure import Structure
 
 SPLITS = ("train", "validation", "test")
 BUCKETS = (34, 33, 33)

@@ -13,17 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import (
-    UNREACHABLE,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Structure,
-    Task,
-    checked_sides,
-    whole,
-)
+from labyrinth_core.checks import whole
+from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from labyrinth_core.world.rules import Look, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import UNREACHABLE, Structure, checked_sides
 
 ICE_SEARCH = 500_000
 """About how many cells the search for a place for ice visits before giving up."""

@@ -37,7 +37,8 @@ from labyrinth_core.data.drawing import (
     solve,
 )
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (

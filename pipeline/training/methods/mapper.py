@@ -47,8 +47,7 @@ from labyrinth_core.policies.networks.slots import (
     places_of,
 )
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from pipeline.config.errors import check
 
 
@@ -156,7 +155,7 @@ class Method(Learner):
         found = []
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
-            view = (labyrinth, state_at(labyrinth, int(arrays.state[state])))
+            view = (labyrinth, labyrinth.state_at(int(arrays.state[state])))
             found.append(Slots.of(spec.look([view])[0]))
         return found
 

@@ -19,8 +19,7 @@ from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch_sampling import sample_each
 from labyrinth_core.world.buckets import split_of
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.rules import Look, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
@@ -255,7 +254,7 @@ def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):
             phases.add(number // 20)
             labyrinth = parse(text)
             np.testing.assert_array_equal(
-                picture, render(labyrinth, state_at(labyrinth, int(number)), 48)
+                picture, render(labyrinth, labyrinth.state_at(int(number)), 48)
             )
         optimal = infos["optimal_actions"].argmax(axis=1)
         actions = np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4))

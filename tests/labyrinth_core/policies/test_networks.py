@@ -9,7 +9,7 @@ from torch import nn
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.networks.network import Mlp, Network, ResNet18, as_input
 from labyrinth_core.policies.spec import NetworkSpec
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 pytestmark = pytest.mark.slow
 

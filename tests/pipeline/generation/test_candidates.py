@@ -22,8 +22,8 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Drawing, draw_labyrinths
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
 from pipeline.generation.structures import sample

@@ -24,8 +24,8 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.buckets import BUCKETS, split_of
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
+from labyrinth_core.world.structure import Structure
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation import structures as generation

@@ -30,7 +30,7 @@ from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
@@ -513,7 +513,7 @@ def test_pictures_of_a_dataset_that_is_gone_go_and_a_persons_stay(folder):
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_a_route_is_drawn_through_the_cells_it_visits_and_no_others(carded, name):
     labyrinth = parse(labyrinths(carded / name, "test")[0])
-    (actions, *_) = shortest_routes(labyrinth)
+    (actions, *_) = Solver(labyrinth).shortest_routes()
     picture = np.asarray(picture_with_route(labyrinth, actions, 100)).astype(int)
     height, width = labyrinth.structure.height, labyrinth.structure.width
     cell = len(picture) / max(height, width)
