@@ -15,8 +15,7 @@ from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import LabyrinthError
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import default_start_and_goal, place

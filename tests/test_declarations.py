@@ -137,12 +137,11 @@ def test_a_column_of_numbers_is_loaded(small_dataset: Run) -> None:
 WITH_A_COLUMN = """
 import sys
 from labyrinth_core.data import format
-from labyrinth_core.world.dynamics import state_index
-from labyrinth_core.world.solver import distances
+from labyrinth_core.world.solver import Solver
 
 def left(episode):
-    to_goal = distances(episode.labyrinth)
-    return [to_goal[state_index(episode.labyrinth, state)] for state in episode.states]
+    to_goal = Solver(episode.labyrinth).distances
+    return [to_goal[episode.labyrinth.state_index(state)] for state in episode.states]
 
 column = format.Column.of("steps_to_goal", "int32", "least moves to the goal", left)
 *others, info = format.COLUMNS

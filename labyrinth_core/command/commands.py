@@ -29,9 +29,9 @@ from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
 from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth, Sketch
+from labyrinth_core.world.rules import Action
 from labyrinth_core.world.sampling import ALGORITHMS
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import Action
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import default_start_and_goal, sample_labyrinth
 

@@ -20,8 +20,7 @@ from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, DRAWN_CELLS, KeptScenes, draw, draw_many
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import Look, State
 
 OBSERVATIONS = ("image", *KINDS)
 

@@ -21,10 +21,9 @@ from labyrinth_core.pictures.vector import (
     show_states,
     tile_count,
 )
-from labyrinth_core.world.batch import Structures, Tables
+from labyrinth_core.world.batch import Structures, Tables, seen_together
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Look, Task
-from labyrinth_core.world.structure import seen_together
 
 
 class Stack:

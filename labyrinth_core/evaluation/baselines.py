@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
 from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.world.rules import STEP_PENALTY
 from labyrinth_core.world.solver import RouteMemory
-from labyrinth_core.world.state import STEP_PENALTY
 
 BASELINES = {
     "random": "uniformly random actions; exact expectations",

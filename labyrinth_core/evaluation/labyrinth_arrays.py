@@ -24,7 +24,7 @@ from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state import STEP_LIMIT
+from labyrinth_core.world.rules import STEP_LIMIT
 
 STATE_BYTES = 500
 """The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481

@@ -23,7 +23,7 @@ from labyrinth_core.evaluation.answers import (
 )
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.state import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rules import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
 
 OUTCOMES = {
     "solved": "the goal is reached",

@@ -17,9 +17,8 @@ from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES
+from labyrinth_core.world.rules import TILES, Action
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import Action
 
 QUESTIONS = "questions"
 """The suffix of the config with a dataset's questions, which has no episodes."""

@@ -16,9 +16,8 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import Action, neighbours
-from labyrinth_core.world.structure import seen_together
+from labyrinth_core.world.batch import seen_together
+from labyrinth_core.world.rules import Action, Task, neighbours
 
 REPLANNERS = ("replanner", "without memory")
 """The names of the replanner's figures, with memory and without."""

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import draw_labyrinths, solve
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.vector import tile_count, vector_observations
 from labyrinth_core.world.batch import Labyrinths
@@ -47,7 +47,7 @@ TrainSet = tuple[DatasetConfig, Sequence[Labyrinth]]
 
 def train_set(config: DatasetConfig) -> TrainSet:
     """Draw the train of a dataset; it is shorter than `config.labyrinths` if no more are found."""
-    return config, list(islice(draw_labyrinths(config, "train"), config.labyrinths))
+    return config, list(islice(Drawing(config).labyrinths("train"), config.labyrinths))
 
 
 def control_sets(config: DatasetConfig, count: int) -> Iterator[TrainSet]:
@@ -84,7 +84,7 @@ class Demonstrated:
         for train, (config, labyrinths) in enumerate(sets):
             batches.append(Labyrinths.of(labyrinths))
             for labyrinth in labyrinths:
-                for episode in solve(config, "train", labyrinth).episodes:
+                for episode in Drawing(config).solve("train", labyrinth).episodes:
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
                         place = train, number, labyrinth.state_index(state)

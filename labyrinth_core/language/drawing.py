@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state import State, neighbours
+from labyrinth_core.world.rules import State, neighbours
 from labyrinth_core.world.structure import Structure
 
 AGENT, HIDDEN, ROUTE = "@", "?", "."

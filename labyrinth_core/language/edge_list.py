@@ -17,9 +17,8 @@ from labyrinth_core.language.source_text import (
     character_at,
     with_line_feeds,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import neighbours
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task, neighbours
 from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure
 
 _Pair = tuple[int, tuple[int, int]]

@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.world.labyrinth import LabyrinthError
+from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
 
 MAX_TEXT = 32 * 1024 * 1024

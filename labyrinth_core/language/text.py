@@ -14,8 +14,8 @@ import numpy as np
 
 from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Sketch
-from labyrinth_core.world.rules import TILES, Look, Task
+from labyrinth_core.world.labyrinth import Labyrinth, Sketch
+from labyrinth_core.world.rules import TILES, LabyrinthError, Look, Task
 from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, digits, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 

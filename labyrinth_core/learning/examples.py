@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State
 from labyrinth_core.world.structure import UNREACHABLE
 
 NO_LABEL = -1

@@ -21,8 +21,7 @@ from labyrinth_core.pictures.vector import (
 )
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State, Task
 
 Numbers = NDArray[np.int64]
 

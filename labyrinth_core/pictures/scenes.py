@@ -32,8 +32,7 @@ from labyrinth_core.pictures.vector import (
 )
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State, Task
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, to draw together."""

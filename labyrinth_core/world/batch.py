@@ -12,10 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, Task
+from labyrinth_core.world.rules import GOAL_REWARD, STEP_PENALTY, Action, Look, State, Task
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import GOAL_REWARD, STEP_PENALTY, Action, State
-from labyrinth_core.world.structure import UNREACHABLE, Structure, digits
+from labyrinth_core.world.structure import DIAGONALS, UNREACHABLE, Structure, digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -293,3 +292,34 @@ def distances_from(
         border = beside[claims[beside] == places]
     distances[blocked] = UNREACHABLE
     return distances
+
+
+def seen_together(
+    moves: NDArray[np.int64], agents: NDArray[np.int64], side: int
+) -> NDArray[np.bool_]:
+    """Return which of the N cells of many structures are visible, as `Structure.visible_from`.
+
+    Args:
+        moves: The cells that the four actions lead to from each cell, shape (N, 4).
+        agents: The cell of the agent in each structure.
+        side: The larger of the structures' height and width.
+
+    Returns:
+        Whether an agent sees the cell, shape (N,).
+    """
+    flat = moves.ravel()
+    seen = np.zeros(len(moves), np.bool_)
+    seen[agents] = True
+    for action in Action:
+        at = agents
+        for _ in range(side - 1):
+            at = flat.take(4 * at + action)  # A wall leads back to a cell already seen.
+            seen[at] = True
+    for across, updown in DIAGONALS:
+        at = agents
+        for _ in range(side - 1):
+            beside = flat.take(4 * at + across)
+            onward = flat.take(4 * beside + updown)
+            at = np.where((beside != at) & (onward != beside), onward, at)
+            seen[at] = True
+    return seen

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State
 
 
 @dataclass(frozen=True, eq=False)

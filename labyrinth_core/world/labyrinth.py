@@ -7,18 +7,18 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 
 from labyrinth_core.checks import whole
-from labyrinth_core.world.rules import TILES, Look, Task
-from labyrinth_core.world.state import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY, State
+from labyrinth_core.world.rules import (
+    GOAL_REWARD,
+    ICE_REWARD,
+    STEP_LIMIT,
+    STEP_PENALTY,
+    TILES,
+    LabyrinthError,
+    Look,
+    State,
+    Task,
+)
 from labyrinth_core.world.structure import UNREACHABLE, Moves, Structure
-
-
-class LabyrinthError(ValueError):
-    """A labyrinth breaks a rule of its task; `cell` is the cell at fault, or None."""
-
-    def __init__(self, message: str, cell: int | None = None) -> None:
-        super().__init__(message)
-        self.cell = cell
-
 
 _WITH_TILES = [(t, t.rules.singles, t.rules.grounds) for t in Task if t.rules.tiles]
 _SINGLES = ("start", "goal", *(tile.name for tile in TILES if not tile.many))

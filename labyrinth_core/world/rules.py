@@ -1,11 +1,22 @@
-"""The tasks of labyrinths, with the tiles and the rules of each, and their looks."""
+"""The rules of the world: tasks with their tiles, looks, actions, states and rewards.
+
+A move into a wall leaves the agent where it is and costs a step, whatever lies behind the wall.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
+from enum import IntEnum, StrEnum
 from functools import cached_property
 from typing import NamedTuple
+
+
+class LabyrinthError(ValueError):
+    """A labyrinth breaks a rule of its task; `cell` is the cell at fault, or None."""
+
+    def __init__(self, message: str, cell: int | None = None) -> None:
+        super().__init__(message)
+        self.cell = cell
 
 
 class Tile(NamedTuple):
@@ -99,6 +110,21 @@ class Task(StrEnum):
         ),
     )
 
+    def check_open_walls(self, open_walls: float) -> None:
+        """Refuse a share of open walls with which no labyrinth can hold the task.
+
+        Args:
+            open_walls: The probability of opening each wall that the tree leaves.
+
+        Raises:
+            LabyrinthError: No labyrinth can hold the task.
+        """
+        wish = f"open_walls={open_walls:g} task={self}"
+        if self.rules.needs_loops and open_walls == 0:
+            raise LabyrinthError(f"{wish}: {self.rules.needs_loops}; give more than 0")
+        if self.rules.needs_walls and open_walls == 1:
+            raise LabyrinthError(f"{wish}: {self.rules.needs_walls}; give less than 1")
+
 
 TILES = tuple(tile for task in Task for tile in task.rules.tiles)
 """The tiles of all tasks."""
@@ -110,3 +136,44 @@ class Look(StrEnum):
     PLAIN = "plain"
     RECOLOURED = "recoloured"
     THIN_WALLS = "thin_walls"
+
+
+GOAL_REWARD = 1.0
+ICE_REWARD = -100.0
+STEP_PENALTY = 0.1
+"""The cost of a step that does not end on the goal, before division by the number of cells."""
+STEP_LIMIT = 40
+"""The number of steps per cell after which an episode is truncated; its return is then -4."""
+
+
+class Action(IntEnum):
+    """The four moves of an agent; `UP` increases the row, and points up in images."""
+
+    UP = 0
+    RIGHT = 1
+    DOWN = 2
+    LEFT = 3
+
+
+class State(NamedTuple):
+    """The part of the world that changes during an episode."""
+
+    agent: int
+    """The agent's cell."""
+    has_key: bool = False
+    door_open: bool = False
+
+
+def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
+    """Return the neighbours of `cell` in the grid by action, regardless of walls."""
+    row, column = divmod(cell, width)
+    beside = {}
+    if row + 1 < height:
+        beside[Action.UP] = cell + width
+    if column + 1 < width:
+        beside[Action.RIGHT] = cell + 1
+    if row > 0:
+        beside[Action.DOWN] = cell - width
+    if column > 0:
+        beside[Action.LEFT] = cell - 1
+    return beside

@@ -12,7 +12,7 @@ from itertools import chain
 
 import numpy as np
 
-from labyrinth_core.world.state import neighbours
+from labyrinth_core.world.rules import neighbours
 from labyrinth_core.world.structure import (
     Structure,
     bit_set,

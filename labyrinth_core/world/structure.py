@@ -12,11 +12,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labyrinth_core.checks import whole
-from labyrinth_core.world.state import Action
+from labyrinth_core.world.rules import Action
 
 MIN_SIDE = 2
 MAX_SIDE = 1_000
@@ -52,6 +49,10 @@ def checked_sides(height: object, width: object) -> tuple[int, int]:
     """
     return whole("height", height, MIN_SIDE, MAX_SIDE), whole("width", width, MIN_SIDE, MAX_SIDE)
 
+
+SPLITS = ("train", "validation", "test")
+BUCKETS = (34, 33, 33)
+"""The default percentages of all structures in these splits."""
 
 UNREACHABLE = -1
 """The distance of a state from which the goal cannot be reached."""
@@ -224,6 +225,30 @@ class Structure:
         """The structure's hash, 16 hexadecimal digits that fit an int64; stable across machines."""
         return identity(f"{self.height}x{self.width}:{self.up:x}:{self.right:x}")
 
+    def split(self, buckets: Sequence[int]) -> str:
+        """Return the split to which it belongs in every dataset: train, validation or test.
+
+        The reflection that keeps the default start and goal is in the same split.
+
+        Args:
+            buckets: The percentages of all structures in the three splits.
+        """
+        percent = int(self.canonical().structure_id, 16) * 100 >> 63
+        train, validation, _ = buckets
+        if percent < train:
+            return "train"
+        return "validation" if percent < train + validation else "test"
+
+    def split_at_any_ends(self, buckets: Sequence[int]) -> str | None:
+        """Return the split that may hold it with any start and goal; None if it is left out.
+
+        Any rotation or reflection may then give the same labyrinth again. So a structure is allowed
+        only if it is in the same split as the smallest of its eight images, a rule that depends on
+        nothing else in the dataset.
+        """
+        split = self.split(buckets)
+        return split if min(self.symmetries()).split(buckets) == split else None
+
     def transposed(self) -> Structure:
         """Return the reflection in the diagonal through cell 0: rows become columns."""
 
@@ -294,34 +319,3 @@ def identity(text: str) -> str:
     """Return 63 bits of the BLAKE2b hash of a text, as sixteen hexadecimal digits."""
     digest = hashlib.blake2b(text.encode(), digest_size=8).digest()
     return f"{int.from_bytes(digest, 'big') >> 1:016x}"
-
-
-def seen_together(
-    moves: NDArray[np.int64], agents: NDArray[np.int64], side: int
-) -> NDArray[np.bool_]:
-    """Return which of the N cells of many structures are visible, as `Structure.visible_from`.
-
-    Args:
-        moves: The cells that the four actions lead to from each cell, shape (N, 4).
-        agents: The cell of the agent in each structure.
-        side: The larger of the structures' height and width.
-
-    Returns:
-        Whether an agent sees the cell, shape (N,).
-    """
-    flat = moves.ravel()
-    seen = np.zeros(len(moves), np.bool_)
-    seen[agents] = True
-    for action in Action:
-        at = agents
-        for _ in range(side - 1):
-            at = flat.take(4 * at + action)  # A wall leads back to a cell already seen.
-            seen[at] = True
-    for across, updown in DIAGONALS:
-        at = agents
-        for _ in range(side - 1):
-            beside = flat.take(4 * at + across)
-            onward = flat.take(4 * beside + updown)
-            at = np.where((beside != at) & (onward != beside), onward, at)
-            seen[at] = True
-    return seen

@@ -7,12 +7,12 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import ACTING, Drawing
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
@@ -43,7 +43,7 @@ def labyrinth_and_parent(
     parent = drawing.labyrinth(kind.parent, structure)
     if kind.new_structure:
         made = NEW_STRUCTURES[split].make(config, parent)
-        if (bucket := bucket_of(config, made.structure)) != kind.bucket:
+        if (bucket := config.bucket_of(made.structure)) != kind.bucket:
             raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
         return made, parent
     if kind.new_start and kind.new_goal:
@@ -91,7 +91,7 @@ def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
     rng = Drawing(config).rng("one_wall", structure)
     for number in rng.permutation(len(passages)).tolist():
         changed = toggled(structure, *passages[number])
-        if bucket_of(config, changed) != "test":
+        if config.bucket_of(changed) != "test":
             continue
         try:
             other = replace(labyrinth, structure=changed)
@@ -178,7 +178,7 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
 
 def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
     """Yield the passages of the shortest route that train demonstrates, the lower cell first."""
-    rng = Drawing(config).rng("train", labyrinth.structure, ACTING)
+    rng = Drawing(config).acting_rng("train", labyrinth.structure)
     cells = [
         state.agent for state in replay(labyrinth, Solver(labyrinth).shortest_route(rng)).states
     ]

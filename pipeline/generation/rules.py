@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.splits import SPLITS, Split
@@ -37,7 +36,7 @@ def labyrinth_problems(
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
         yield "the tiles of the task make no difference"
-    bucket = bucket_of(config, structure)
+    bucket = config.bucket_of(structure)
     if bucket != kind.bucket:
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:

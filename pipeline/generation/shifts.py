@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.solver import RouteMemory, Solver
 from labyrinth_core.world.structure import UNREACHABLE, Structure
@@ -85,7 +85,7 @@ class SelectedShift:
         """Yield random structures, most of them with the property of the shift."""
 
         def in_bucket(structure: Structure) -> bool:
-            return bucket_of(config, structure) == "test"
+            return config.bucket_of(structure) == "test"
 
         def moves(structure: Structure) -> int:
             measures = measures_of(config, split, structure)

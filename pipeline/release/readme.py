@@ -8,7 +8,7 @@ from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.state import Action
+from labyrinth_core.world.rules import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config

@@ -15,8 +15,7 @@ from torch.nn import functional
 
 from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import NetworkSpec
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import Action
+from labyrinth_core.world.rules import Action, Task
 
 ACTIONS = len(Action)
 SLOPE = 0.01

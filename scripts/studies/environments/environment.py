@@ -16,8 +16,8 @@ from environments.experts import expert_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import replay
+from labyrinth_core.world.rules import Action
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import Action
 from labyrinth_core.world.tasks import sample_labyrinth
 
 Floats = NDArray[np.float64]

@@ -23,12 +23,10 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.buckets import BUCKETS, SPLITS, split_of
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, Task
+from labyrinth_core.world.rules import Action, Look, State, Task
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import Action, State
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
 from labyrinth_core.world.tasks import tiles_matter
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
@@ -162,7 +160,7 @@ def test_a_split_keeps_to_its_structures_and_to_the_seed(split, buckets):
     env.reset(seed=5)
     again.reset(seed=5)
     for _ in range(60):
-        assert split_of(env.labyrinth.structure, buckets) == split
+        assert env.labyrinth.structure.split(buckets) == split
         assert env.labyrinth == again.labyrinth
         env.reset()
         again.reset()
@@ -176,7 +174,7 @@ def test_with_another_start_or_goal_no_turned_structure_is_of_another_split(opti
         env.reset(options=options)
         structure = env.labyrinth.structure
         images = [structure] if "task" in options else [structure, min(structure.symmetries())]
-        assert {split_of(each, BUCKETS) for each in images} == {"train"}
+        assert {each.split(BUCKETS) for each in images} == {"train"}
 
 
 def test_a_split_without_a_structure_is_refused_in_one_line():

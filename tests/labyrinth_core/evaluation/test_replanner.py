@@ -17,8 +17,7 @@ from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import State, neighbours
+from labyrinth_core.world.rules import State, Task, neighbours
 from labyrinth_core.world.structure import breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]

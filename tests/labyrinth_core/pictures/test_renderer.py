@@ -39,9 +39,8 @@ from labyrinth_core.pictures.renderer import (
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.state import State
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 

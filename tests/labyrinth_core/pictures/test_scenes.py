@@ -14,8 +14,7 @@ from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, Task
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import Look, State, Task
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 

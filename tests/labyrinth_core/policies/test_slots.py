@@ -11,8 +11,7 @@ from labyrinth_core.policies.networks.slots import (
     Slots,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 RNG = np.random.default_rng(0)

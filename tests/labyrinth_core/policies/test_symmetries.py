@@ -17,7 +17,7 @@ from labyrinth_core.policies.networks.symmetry import (
     transformed_actions,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.state import State
+from labyrinth_core.world.rules import State
 from labyrinth_core.world.structure import Structure
 
 pytestmark = pytest.mark.slow

@@ -18,15 +18,16 @@ from support.brute_force import (
 )
 from support.strategies import labyrinths, structures
 
+from labyrinth_core.world.batch import seen_together
 from labyrinth_core.world.dynamics import (
     Episode,
     random_episode,
     replay,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, State, neighbours
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import Action, State, neighbours
-from labyrinth_core.world.structure import Structure, seen_together
+from labyrinth_core.world.structure import Structure
 
 
 def state_of(world, situation):

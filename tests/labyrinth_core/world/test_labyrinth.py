@@ -23,9 +23,8 @@ from support.brute_force import (
 from support.strategies import labyrinths, randoms, structures
 
 from labyrinth_core.checks import whole
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from labyrinth_core.world.rules import Look, Task
-from labyrinth_core.world.state import Action
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, LabyrinthError, Look, Task
 from labyrinth_core.world.structure import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 

@@ -27,12 +27,11 @@ from labyrinth_core.world.dynamics import (
     replay,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import (
     RouteMemory,
     Solver,
 )
-from labyrinth_core.world.state import State
 from labyrinth_core.world.structure import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 

@@ -17,9 +17,8 @@ from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import State
 from pipeline.config.dataset import DemonstrationsConfig
 from pipeline.inspection.counts import routes_of
 

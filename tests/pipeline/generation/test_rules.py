@@ -12,8 +12,7 @@ from support.making import run_of
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.state import Action
+from labyrinth_core.world.rules import Action, Task
 from labyrinth_core.world.structure import Structure
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train

@@ -21,7 +21,6 @@ from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.structure import Structure
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
@@ -51,7 +50,7 @@ def test_none_of_ten_thousand_is_in_validation_or_test_nor_is_its_mirror_image(
         for labyrinth in fresh.labyrinths(epoch):
             structure = labyrinth.structure
             for each in (structure, structure.transposed()):
-                assert split_of(each, small_dataset.dataset.buckets) == "train"
+                assert each.split(small_dataset.dataset.buckets) == "train"
             seen.add(structure)
     assert len(seen) > 9_900
 

@@ -28,9 +28,8 @@ from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.state import State
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate

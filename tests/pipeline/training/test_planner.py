@@ -26,9 +26,8 @@ from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import POLICY, NetworkSpec
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world.rules import Look, State
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.state import State
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
