@@ -149,7 +149,7 @@ format.COLUMNS = (*others, column, info)
 format.NUMBERS, format.OTHERS = (*format.NUMBERS, column), (column,)
 format.arrow_schema.__defaults__ = (format.COLUMNS,)
 
-from labyrinth_core import Dataset, load_transitions
+from labyrinth_core import Dataset, load_episodes, load_transitions, stream_episodes
 from pipeline.__main__ import main
 
 folder = sys.argv.pop()
@@ -164,6 +164,10 @@ for options in ({"observation": "vector"}, {"image_size": 8, "cache_dir": f"{fol
     left = train.columns["steps_to_goal"]
     assert left.dtype == "int32" and (left[train.terminated] == 1).all()
     assert (left[:-1] - left[1:] == 1)[~train.dones[:-1]].all()
+for episodes in (load_episodes, stream_episodes):
+    for episode in episodes(folder, "3x3", observation="vector"):
+        to_goal = episode.columns["steps_to_goal"]
+        assert len(to_goal) == len(episode) + 1 and to_goal[-1] == 0
 print(Dataset(folder, "3x3").fingerprint)
 """
 

@@ -137,6 +137,7 @@ class LoadedEpisode:
             self.actions.copy(),
             self.rewards.copy(),
             self.terminated,
+            {name: values.copy() for name, values in self.columns.items()},
         )
 
     def __len__(self) -> int:
@@ -213,7 +214,7 @@ class Episodes:
                 actions=rows.actions[first:last],
                 rewards=rows.rewards[first:last],
                 terminated=bool(self.over[last]),
-                columns={n: each[first : last + 1].copy() for n, each in rows.others.items()},
+                columns={name: of[first : last + 1] for name, of in rows.others.items()},
             )
 
     def optimal(self) -> NDArray[np.bool_]:
