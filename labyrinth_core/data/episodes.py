@@ -15,11 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.pictures.observations import ObservationSpec, PictureError
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -195,6 +196,35 @@ class Episodes:
             self.over[rows],
             self.ids[used],
         )
+
+    def observed(
+        self, spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
+    ) -> NDArray[Any]:
+        """Return the observation in each row, shape (n, ...).
+
+        Args:
+            spec: How the states are observed.
+            pictures: Output array, shape (n, image_size, image_size, 3); None for a new one.
+
+        Raises:
+            DatasetError: A picture is missing or cannot be decoded.
+        """
+        if spec.decodes:
+            pngs = self.whole.rows.pngs
+            assert pngs is not None
+            try:
+                return spec.decoded(pngs, pictures)
+            except PictureError as error:
+                raise DatasetError(f"obs: {one_line(error)}") from error
+        if spec.of_arrays:
+            return spec.look_together(self.labyrinths, self.which, self.states, pictures)
+        parsed = self.parsed()
+        seen = zip(self.which.tolist(), self.states.tolist(), strict=True)
+        looks = spec.look([(parsed[n], parsed[n].state_at(state)) for n, state in seen])
+        if pictures is None:
+            return looks
+        pictures[:] = looks
+        return pictures
 
     def parts(self, rows: int) -> Generator[Episodes]:
         """Yield consecutive groups of episodes, with about `rows` rows each."""

@@ -27,8 +27,8 @@ from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.load import Transition, episodes_of
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.rows import TOGETHER
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 
 if TYPE_CHECKING:

@@ -10,11 +10,8 @@ import numpy as np
 from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
-from labyrinth_core.checks import whole
 from labyrinth_core.env.labyrinth_source import chosen
-from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures.observations import KINDS, ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Task
 
@@ -40,7 +37,9 @@ class Observer:
     def __init__(self, kind: Kind, image_size: int) -> None:
         chosen("observation", kind, PLAYED)
         self.kind = kind
-        self.image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
+        shown = "image" if kind == "state" else kind
+        self._spec = ObservationSpec(shown, image_size)
+        self.image_size = self._spec.image_size
         self._together = 1
         if kind == "image":
             self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self.image_size**2)))
@@ -93,6 +92,4 @@ class Observer:
         if self.kind == "state":
             return np.array([number for _, number in shown])
         views = [(labyrinth, labyrinth.state_at(number)) for labyrinth, number in shown]
-        if self.kind == "image":
-            return draw(views, self.image_size)
-        return np.stack([KINDS[self.kind].of(labyrinth, state) for labyrinth, state in views])
+        return self._spec.look(views)

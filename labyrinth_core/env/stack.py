@@ -19,7 +19,6 @@ from labyrinth_core.pictures.vector import (
     initial_vector,
     initial_vectors,
     show_states,
-    tile_count,
 )
 from labyrinth_core.world.batch import Structures, Tables, seen_together
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -49,7 +48,7 @@ class Stack:
         self._shared_names: NDArray[np.object_] | None = None
         """A read-only copy for the infos, renewed when a labyrinth has changed."""
         entries = (2 * height - 1) * (2 * width - 1)
-        self.initial_vectors = np.zeros((count, tile_count(task) + entries), np.int32)
+        self.initial_vectors = np.zeros((count, task.rules.positions + entries), np.int32)
         """The `vector.initial_vector` of each labyrinth."""
         self.looks = np.zeros(count, np.intp)
         """The look of each labyrinth, as an index of `LOOKS`."""

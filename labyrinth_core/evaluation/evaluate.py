@@ -17,7 +17,6 @@ from typing import Any
 from labyrinth_core.checks import whole
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
@@ -26,6 +25,7 @@ from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.rules import Task
 
 NOT_EVALUATED = ("random",)

@@ -19,8 +19,9 @@ from labyrinth_core.data.dataset import Filter
 from labyrinth_core.data.datasets import Dataset, Selection
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -159,7 +160,7 @@ def load_arrays(
         split: Name of the split, such as `train`.
         observation: "image", "vector" or "text".
         image_size: Pixels on each side of the pictures.
-        resize: How pictures are made smaller; one of `labyrinth_core.data.observations.RESIZES`.
+        resize: How pictures are made smaller, one of `pictures.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
         labyrinths: Number of labyrinths, the first ones; see `load_episodes`, also for `where`.
         where: A filter of the table of labyrinths.

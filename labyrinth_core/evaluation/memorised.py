@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
@@ -43,6 +42,7 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Action
 

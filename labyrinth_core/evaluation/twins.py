@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.vector import tile_count, vector_observations
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.labyrinth import Labyrinth
 
@@ -118,7 +118,7 @@ def compared(
     set has for a state come together.
     """
     batch = Labyrinths.of(arrays.labyrinths)
-    tiles = tile_count(batch.task)
+    tiles = batch.task.rules.positions
     length = _vectors(batch, np.array([0]), np.array([0])).size
     here = arrays.state[states]
     for state in np.unique(here).tolist():
@@ -151,7 +151,8 @@ def _in_blocks(
 def _vectors(
     labyrinths: Labyrinths, which: NDArray[np.int64], states: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    return vector_observations(labyrinths.take(which), np.arange(len(which)), states)
+    alone = np.arange(len(which))
+    return ObservationSpec("vector").look_together(labyrinths.take(which), alone, states)
 
 
 def _differences(

@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.contract import check_policy
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, walk
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, roll_out
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.spec import OWN, NetworkSpec

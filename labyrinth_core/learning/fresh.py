@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 
 RENEWING = 3

@@ -26,11 +26,6 @@ GONE = -1
 VectorArray = NDArray[np.int32]
 
 
-def tile_count(task: Task) -> int:
-    """Return the number of positions before the wall grid: 5 with key and door, otherwise 3."""
-    return 3 + len(task.rules.singles)
-
-
 def grid_indices(height: int, width: int) -> VectorArray:
     """Return the index of each cell in the flattened wall grid, shape (cells,)."""
     grid = np.arange((2 * height - 1) * (2 * width - 1), dtype=np.int32)
@@ -114,7 +109,7 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
     if labyrinth.task.rules.hides:
         visible = np.zeros((structure.height, structure.width), np.bool_)
         visible.flat[list(structure.visible_from(state.agent))] = True
-        grid = vector[tile_count(labyrinth.task) :]
+        grid = vector[labyrinth.task.rules.positions :]
         hide(grid.reshape(2 * structure.height - 1, 2 * structure.width - 1), visible)
         grid[vector[1:3]] = OPEN
     return vector
@@ -163,7 +158,7 @@ def show_states(
         vectors[:, 3][phase >= 1] = GONE
         vectors[:, 4][phase == 2] = GONE
     if visible is not None:
-        grids = vectors[:, tile_count(task) :]
+        grids = vectors[:, task.rules.positions :]
         # A view: splitting an axis copies nothing.
         hide(grids.reshape(len(vectors), 2 * height - 1, 2 * width - 1), visible)
         for tile in (1, 2):

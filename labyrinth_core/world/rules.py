@@ -67,6 +67,11 @@ class TaskRules:
         return tuple(tile.name for tile in self.tiles if not tile.many)
 
     @cached_property
+    def positions(self) -> int:
+        """The number of positions in a vector: agent, start and goal, then the single tiles."""
+        return 3 + len(self.singles)
+
+    @cached_property
     def grounds(self) -> tuple[str, ...]:
         """The names of the tiles that any number of cells show."""
         return tuple(tile.name for tile in self.tiles if tile.many)

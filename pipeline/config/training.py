@@ -29,7 +29,7 @@ class Protocol:
     """How pictures are shrunk, and when training ends."""
 
     resize: str
-    """One of `data.observations.RESIZES`: `area` keeps every wall, `original` does not."""
+    """One of `pictures.observations.RESIZES`: `area` keeps every wall, `original` does not."""
     evaluate_every: int | None = None
     """The number of epochs between evaluations; None for the method's own."""
     patience: float = inf

@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy

@@ -9,13 +9,14 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.pictures import looks, observations
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.world.rules import Look
 from labyrinth_core.world.solver import Solver
@@ -100,12 +101,12 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
 def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
     datasets, config, size, kept, monkeypatch
 ):
-    monkeypatch.setattr(observations, "KEPT_BYTES", kept)
+    monkeypatch.setattr(looks, "KEPT_BYTES", kept)
     load = partial(load_arrays, datasets, config, "test", image_size=size)
     held = load().observations
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes)
     assert isinstance(load().observations, np.ndarray)
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
     drawn = load().observations
     assert isinstance(drawn, Looks)
     assert len(drawn) == len(held)
@@ -121,7 +122,7 @@ def test_vectors_and_texts_that_are_too_many_to_hold_are_made_when_they_are_look
 ):
     load = partial(load_arrays, datasets, config, "test", observation=observation)
     held = load().observations
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
     made = load().observations
     assert isinstance(made, Looks)
     states = np.arange(len(held))[::-2]

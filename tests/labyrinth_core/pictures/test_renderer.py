@@ -96,7 +96,7 @@ GOLDEN = (
 """Labyrinths and states whose pixels tests/data/pictures.json holds as hashes.
 
 Other hashes mean other pixels. Then `just renew` writes them down; unless only colours are others,
-`data.observations.PICTURES_VERSION` has to be increased.
+`pictures.observations.PICTURES_VERSION` has to be increased.
 """
 
 COLOURFUL = Style(

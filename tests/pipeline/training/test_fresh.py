@@ -15,12 +15,12 @@ from support.learning import equal_weights
 from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.structure import Structure
 from pipeline.config.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError

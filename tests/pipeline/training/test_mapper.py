@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import attempts, step_through
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy

@@ -16,10 +16,10 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman

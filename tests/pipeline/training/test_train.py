@@ -16,9 +16,9 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.pictures import looks
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import check_training
@@ -346,7 +346,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
     held, drawn = run_of("held", **seen), run_of("drawn", **seen)
     train.run(held)
-    monkeypatch.setattr(observations, "HELD_BYTES", 0)
+    monkeypatch.setattr(looks, "HELD_BYTES", 0)
     train.run(drawn)
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
