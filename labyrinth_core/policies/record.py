@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
 from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
@@ -48,10 +48,10 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     again = "stages=train overwrite=true makes it again"
     try:
         expected = listed(folder / SUMS, RECORD)
-        if expected and file_sha256(path) not in expected:
+        if expected and File(path).sha256() not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
-        content = read_json(path)
+        content = File(path).read_json()
         check_shape(content, _SHAPE)
         rows, selected = content["history"], content["selected"]
         if len(rows) != content["epochs"] or selected not in rows:
@@ -62,7 +62,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
     try:
-        found = file_sha256(weights)
+        found = File(weights).sha256()
     except FileNotFoundError as error:
         raise DatasetError(f"{weights} does not exist: stages=train makes it") from error
     if found != content["files"][POLICY]:

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, ExportOptions
 from pipeline.config.stage import CONFIG, Job
@@ -56,9 +56,9 @@ def _export(
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
-                write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
+                File(made / RECORD).write_text(json.dumps(split.record(), indent=2) + "\n")
                 if job.composed:
-                    write_text(made / CONFIG, job.composed)
+                    File(made / CONFIG).write_text(job.composed)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.

@@ -14,7 +14,7 @@ from typing import Any
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
-from labyrinth_core.data.storage import AnyPath, read_json
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.evaluation.schema import (
     COUNT,
     SHARE,
@@ -161,7 +161,7 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
     """
     path = data.folder / ANALYSIS
     try:
-        content = read_json(path)
+        content = File(path).read_json()
         check_shape(content, {"fingerprint": None})
         if content["fingerprint"] != data.fingerprint:
             return None

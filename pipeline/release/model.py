@@ -14,7 +14,7 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import file_sha256, read_json, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
@@ -100,10 +100,10 @@ def stage_policy(
     results, made = _results(job, commit, manifest)
     _copy_weights(source, folder, made)
     policy = load_policy(source)
-    write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
+    File(folder / CONFIG).write_text(json.dumps(policy.spec.to_json(), indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
-    write_text(folder / "README.md", _card(trained))
+    File(folder / "README.md").write_text(_card(trained))
 
 
 def _results(
@@ -126,7 +126,7 @@ def _results(
         )
     results = Results.load(path, lambda _: _known(job, commit, manifest))
     try:
-        record = read_json(folder / RECORD)
+        record = File(folder / RECORD).read_json()
         check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
@@ -148,7 +148,7 @@ def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
         shutil.copyfile(source / POLICY, folder / WEIGHTS)
     except FileNotFoundError as error:
         raise DatasetError(f"{source / POLICY} is not there: stages=train makes it") from error
-    if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
+    if File(folder / WEIGHTS).sha256() != made.evaluated["weights"]:
         raise DatasetError(
             f"{source / RESULTS} is for other weights than {POLICY}: stages=evaluate makes it again"
         )

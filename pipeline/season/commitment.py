@@ -20,7 +20,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import read_json, temporaries
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import is_day
 from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
 from pipeline.config.stage import Job
@@ -135,7 +135,7 @@ class Season:
         """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
             require_regular(place.season, MOST_BYTES)
-            content = read_json(place.season)
+            content = File(place.season).read_json()
             check_shape(content, _SHAPE)
             season = cls(**{each.name: content[each.name] for each in fields(cls)})
             season._check()
@@ -165,7 +165,7 @@ class Season:
 
         It is moved to its place if the process that made the season was killed before.
         """
-        for kept in temporaries(place.secret.parent, [place.secret.name]):
+        for kept in LocalFile.temporaries(place.secret.parent, [place.secret.name]):
             with suppress(DatasetError, OSError):
                 self.require_secret(kept)
                 kept.replace(place.secret)

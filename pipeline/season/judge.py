@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 from labyrinth_core import evaluate
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.playing import UnrepeatableError
@@ -240,7 +240,7 @@ def read_list(place: Place, season: Season) -> list[Any]:
     """Return the entries of the public list as they are; raise a DatasetError without a list."""
     try:
         require_regular(place.judged, MOST_BYTES)
-        content = read_json(place.judged)
+        content = File(place.judged).read_json()
         check_shape(content, Exactly({"season": season.name, "judged": Each(None)}))
     except FileNotFoundError:
         return []

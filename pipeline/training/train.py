@@ -19,7 +19,7 @@ import torch
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
@@ -103,7 +103,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
                 if job.composed:
-                    write_text(made / CONFIG, job.composed)
+                    File(made / CONFIG).write_text(job.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         restore_curves(folder, run_name(job).name)
@@ -183,7 +183,7 @@ def identify(
     options = job.options
     module, of_user, _ = options.method_name.partition(":")
     own = getattr(import_module(module), "__file__", None) if of_user else None
-    code = {} if own is None else {"code": f"{Path(own).name} {file_sha256(Path(own)):.12}"}
+    code = {} if own is None else {"code": f"{Path(own).name} {File(Path(own)).sha256():.12}"}
     return {
         "method": options.method_name,
         "encoder": options.network,

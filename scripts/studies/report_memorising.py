@@ -10,7 +10,7 @@ import numpy as np
 from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of
 
@@ -139,7 +139,7 @@ def missing() -> str:
 def kept() -> list[Kept]:
     """Return the policies that were asked, in the order of the plan."""
     paths = ((RESULTS / "memorising" / f"{each.name}.json") for each in planned())
-    return [read_json(path) for path in paths if path.exists()]
+    return [File(path).read_json() for path in paths if path.exists()]
 
 
 def _references() -> list[str]:

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import (
     CONFIG,
@@ -65,7 +65,7 @@ def lay_out_run(folder, spec, **run):
         "epochs": 1,
         "selected": {"epoch": 1},
         "history": [{"epoch": 1}],
-        "files": {POLICY: file_sha256(folder / POLICY)},
+        "files": {POLICY: File(folder / POLICY).sha256()},
     }
     (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
     return folder
