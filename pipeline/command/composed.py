@@ -15,9 +15,10 @@ from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import folder_at
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.command.dataset import DatasetOptions, dataset_config
+from pipeline.command.method import chosen_method
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, check, literal
-from pipeline.config.method import chosen_method
 from pipeline.config.option import check_options, declared, frozen, option
 from pipeline.config.options import (
     ExecutorOptions,
@@ -26,7 +27,6 @@ from pipeline.config.options import (
     RunFolderOption,
 )
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.config.training import TrainingOptions
 
 Options = TypeVar("Options")

@@ -1,7 +1,7 @@
 """What a stage is, and what it is given.
 
 A wing of the program is a folder with `options.py`, which declares its stages, and their modules.
-`pipeline.config.stages` names the wings; no other module does.
+`pipeline.command.stages` names the wings; no other module does.
 """
 
 from __future__ import annotations

@@ -15,10 +15,14 @@ from typing import Any
 from labyrinth_core.evaluation.description import FRESH, RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import check_options, option
 from pipeline.config.options import RunFolderOption, SourceOptions
 from pipeline.config.stage import Job
+
+METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
+"""The modules of the methods in the package `OURS`, and their files in `conf/method`."""
+
+OURS = "pipeline.training.methods"
 
 SUBMISSIONS = "submissions"
 """The folder in `results_dir` for the results of submitted policies."""
@@ -122,6 +126,11 @@ class TrainingOptions(SourceOptions, RunFolderOption):
 
 NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
+
+
+def target_of(name: str) -> str:
+    """Return the dotted name of the class of a method, by the method's name in records."""
+    return f"{OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
 
 
 def check_observation(name: str) -> None:

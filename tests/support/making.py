@@ -9,10 +9,10 @@ from typing import Any, get_type_hints
 
 from labyrinth_core.evaluation.description import RunName
 from pipeline.command import composed
+from pipeline.command.dataset import BucketsConfig
+from pipeline.command.stages import STAGES
 from pipeline.config import training
-from pipeline.config.dataset import BucketsConfig
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.generation import build
 
 

@@ -17,9 +17,8 @@ from labyrinth_core.learning.learner import BaseSettings, Learner
 from labyrinth_core.learning.learner import Problem as Problem
 from labyrinth_core.learning.learner import setting as setting
 from pipeline.config.errors import check, listed
-from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import check_options, frozen
-from pipeline.config.training import TrainingOptions, named
+from pipeline.config.training import METHODS, TrainingOptions, named, target_of
 
 
 def find(

@@ -21,7 +21,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.options import source_of
 from pipeline.evaluation import evaluate as stage

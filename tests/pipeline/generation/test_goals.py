@@ -21,7 +21,7 @@ from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow

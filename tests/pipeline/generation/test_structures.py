@@ -26,7 +26,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.buckets import BUCKETS, split_of
 from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack

@@ -23,7 +23,7 @@ from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Structure
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate as stage

@@ -15,26 +15,17 @@ from typing import Any
 import yaml
 
 from pipeline.config.errors import check, no_option
+from pipeline.config.training import METHODS, OURS
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = (_INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf").absolute()
 """Hydra's configuration folder: in the installed package, or else in the clone."""
 
-METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
-"""The modules of the methods in `pipeline.training.methods`, and their files in `conf/method`."""
-
-_OURS = "pipeline.training.methods"
-
-
-def target_of(name: str) -> str:
-    """Return the dotted name of the class of a method, by the method's name in records."""
-    return f"{_OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
-
 
 def _name_of(target: str) -> str:
     """Return the name in records of the method whose class has this dotted name."""
     module, _, name = target.rpartition(".")
-    ours = module.removeprefix(f"{_OURS}.")
+    ours = module.removeprefix(f"{OURS}.")
     if name == "Method" and ours in METHODS and module != ours:
         return ours
     above, _, last = module.rpartition(".")
