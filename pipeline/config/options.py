@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from pipeline.config.option import LOCAL_FOLDER, option
-from pipeline.config.stage import Job
 
 
 @dataclass(frozen=True)
@@ -78,8 +77,3 @@ class ResultsFolderOption:
         "folder of the evaluations, and of the tables made from them",
         like=LOCAL_FOLDER,
     )
-
-
-def source_of(job: Job[SourceOptions]) -> str:
-    """Return the dataset that a stage reads, as results name it: a folder, or an id on the Hub."""
-    return job.typed_dir if job.options.dataset is None else job.options.dataset

@@ -12,7 +12,7 @@ from pipeline.config.errors import check
 from pipeline.config.option import check_options, option
 from pipeline.config.options import OverwriteOption
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_observation, check_training
+from pipeline.config.training import TrainingOptions
 
 COMPARE = "stages=results", "compare it with others"
 """What to do after an evaluation, and why."""
@@ -111,7 +111,7 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         "evaluation.splits, since other splits depend on train",
     )
     if not options.policy:
-        check_training(options)
+        options.check_training()
         check_unnamed(options.evaluation)
         return
     check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
@@ -119,7 +119,7 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
-    check_observation(options.observation)
+    options.check_observation()
     check_options(options.evaluation, EvaluationOptions, "evaluation.")
 
 

@@ -54,10 +54,10 @@ from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import console, say, summary, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
+from pipeline.machinery.versions import build_versions
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""

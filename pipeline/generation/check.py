@@ -50,8 +50,8 @@ from pipeline.generation.table import (
 from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.versions import build_versions
 
 PROBLEMS_SHOWN = 20
 

@@ -21,11 +21,9 @@ from labyrinth_core.data.storage import write_text
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.errors import check, listed
 from pipeline.config.export import RECORD, VERSION
-from pipeline.config.options import source_of
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
-from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
@@ -82,10 +80,10 @@ def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None,
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
     given = job.options.dataset is not None
     if job.options.publish.repo_id or (
-        given and local_folder(source_of(job), job.dataset.name, None) is None
+        given and local_folder(job.source, job.dataset.name, None) is None
     ):
         return published_dataset(job, is_unseen=is_unseen)
-    return None, dataset_of(job).manifest
+    return None, job.open_dataset().manifest
 
 
 def _linked(
@@ -109,7 +107,9 @@ def _linked(
             f"{source} is an export of another dataset, or with other options: stages=export "
             "overwrite=true replaces it"
         )
-    for name in {name for name, _ in own.hashes} - {CONFIG}:  # It names folders of this machine.
+    for name in {name for name, _ in own.hashes} - {
+        job.CONFIG
+    }:  # It names folders of this machine.
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).symlink_to((source / name).absolute())
     return record

@@ -14,7 +14,7 @@ from pipeline.config.export import RELEASED, ExportOptions
 from pipeline.config.option import check_options, option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import TrainingOptions
 
 LOOK = "stages=report", "look at it in a browser"
 LEARN = "stages=train,evaluate method=bc", "train a policy on it"
@@ -79,7 +79,7 @@ def _check_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> None
     options, publish = job.options, job.options.publish
     _ = job.local_dir  # Raises a ConfigError if the folder is in an object store.
     if publish.model:
-        check_training(options)
+        options.check_training()
     of_dataset = bool(publish.model or publish.env)
     check(
         of_dataset or bool(publish.repo_id or publish.export),

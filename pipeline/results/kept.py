@@ -10,7 +10,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.language.source_text import printable_line
-from pipeline.config.training import SUBMISSIONS, check_run
+from pipeline.config.training import SUBMISSIONS, TrainingOptions
 from pipeline.machinery.artifact import Sums
 from pipeline.results.available import Available
 from pipeline.results.paper import METHODS, title_of
@@ -58,7 +58,7 @@ def read(
             if (results.config, run.name) != place:
                 name = f"{results.config}/{run.name}"
                 raise ValueError(f"it belongs to the run {name}, not to this one")
-            check_run(run, results.observation)
+            TrainingOptions.check_run(run, results.observation)
         if known is None:
             pass  # Nothing to compare with.
         elif run is not None and run.fingerprint == results.fingerprint != known.fingerprint:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pipeline.config.option import option
 from pipeline.config.options import OverwriteOption
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import TrainingOptions
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class TrainOptions(TrainingOptions, OverwriteOption):
 
 
 def _check(job: Job[TrainOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
-    check_training(job.options)
+    job.options.check_training()
 
 
 STAGES = {

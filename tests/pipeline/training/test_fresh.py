@@ -25,12 +25,11 @@ from labyrinth_core.world.buckets import split_of
 from labyrinth_core.world.labyrinth import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 
 VECTORS = ObservationSpec("vector", 64)
