@@ -19,20 +19,17 @@ from pipeline.config.option import check_options, option
 from pipeline.config.options import RunFolderOption, SourceOptions
 
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
-"""The modules of the methods in the package `OURS`, and their files in `conf/method`."""
+"""The modules of the methods in the package `_OURS`, and their files in `conf/method`."""
 
-OURS = "pipeline.training.methods"
+_OURS = "pipeline.training.methods"
 
 NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
 
-SUBMISSIONS = "submissions"
-"""The folder in `results_dir` for the results of submitted policies."""
-
 
 def target_of(name: str) -> str:
     """Return the dotted name of the class of a method, by the method's name in records."""
-    return f"{OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
+    return f"{_OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
 
 
 @dataclass(frozen=True)
@@ -131,6 +128,19 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     def run_folder(self, dataset: DatasetConfig) -> Path:
         """Return the folder of a trained policy."""
         return Path(self.run_dir).expanduser() / dataset.name / self.run_name(dataset).name
+
+    @staticmethod
+    def name_of(target: str) -> str:
+        """Return the name in records of the method whose class has this dotted name."""
+        module, _, name = target.rpartition(".")
+        ours = module.removeprefix(f"{_OURS}.")
+        if name == "Method" and ours in METHODS and module != ours:
+            return ours
+        above, _, last = module.rpartition(".")
+        while above and last[:1].isupper():  # The class is within another class.
+            module, name = above, f"{last}.{name}"
+            above, _, last = module.rpartition(".")
+        return f"{module}:{name}"
 
     def check_observation(self) -> None:
         """Raise a ConfigError if the library has no such observation."""

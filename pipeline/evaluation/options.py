@@ -9,8 +9,8 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import check_options, option
-from pipeline.config.options import OverwriteOption
+from pipeline.config.option import option
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
 
@@ -70,7 +70,7 @@ class EvaluationOptions:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions(TrainingOptions, OverwriteOption):
+class EvaluateOptions(TrainingOptions, WorkOptions):
     """The policy that is evaluated: that of a training run, or any other."""
 
     policy: str = option(
@@ -120,12 +120,10 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
     options.check_observation()
-    check_options(options.evaluation, EvaluationOptions, "evaluation.")
 
 
 def check_unnamed(evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option that only `policy` has is given without it."""
-    check_options(evaluation, EvaluationOptions, "evaluation.")
     for name in described_by(evaluation):
         check(
             False,

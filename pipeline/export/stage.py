@@ -11,8 +11,8 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.data.storage import write_text
-from pipeline.config.errors import check, listed
-from pipeline.config.export import RECORD, ExportOptions
+from pipeline.config.errors import check
+from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
@@ -55,7 +55,7 @@ def _export(
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
-                write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
+                write_text(made / ExportOptions.RECORD, json.dumps(split.record(), indent=2) + "\n")
                 job.write_config(made)
     except DatasetError:
         raise
@@ -85,8 +85,7 @@ def splits_of(job: Job[ExportStageOptions]) -> list[Split]:
     asked = job.options.export
     data = job.open_dataset()
     names = data.splits
-    unknown = [name for name in asked.splits if name not in names]
-    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(names)}")
+    asked.check_splits(names)
     values, _ = front_matter.read(data.locate([TABLE, f"../{README}"]).parent / README)
     return [
         Split(

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.config.option import option
-from pipeline.config.options import OverwriteOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
 
 
 @dataclass(frozen=True)
-class TrainOptions(TrainingOptions, OverwriteOption):
+class TrainOptions(TrainingOptions, WorkOptions):
     """What is trained, and what is logged."""
 
     tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
