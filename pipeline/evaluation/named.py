@@ -6,7 +6,7 @@ A policy that no run trained needs no torch, so this module does not import it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -24,7 +24,7 @@ from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Key, Sums
+from pipeline.machinery.artifact import Sums
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -38,7 +38,7 @@ class Named:
     """The policy, with the dataset that it is evaluated on."""
     path: Path
     """The file for the results."""
-    key: Key
+    key: Mapping[str, Any]
     """Identifies the run or the policy that the folder of the results belongs to."""
     trained_on: Callable[[], Dataset] | None = None
     """Returns the dataset that the run learnt from; None for policies that no run trained."""
