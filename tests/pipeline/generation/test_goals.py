@@ -19,7 +19,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.rules import Task
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.release import card
 
 pytestmark = pytest.mark.slow

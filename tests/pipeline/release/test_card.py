@@ -31,7 +31,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.solver import Solver
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES

@@ -22,14 +22,13 @@ from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.structure import Structure
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate as stage
 from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 
 VECTORS = ObservationSpec("vector", 64)

@@ -21,7 +21,6 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.pictures import looks
 from labyrinth_core.policies.spec import POLICY
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import check_training
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
@@ -219,7 +218,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
         train.run(run_of(tensorboard=True))
     monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
-        check_training(run_of().options)
+        run_of().options.check_training()
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
