@@ -6,6 +6,9 @@ arguments, environment, folder, files and an exit status of its own, and it can 
 imports this project itself, and so all that reads the environment when it is imported, such as
 `huggingface_hub`. It is not for tests of other signals, of memory or of seeds of hashes.
 
+With `QUICK_PYTHON_SLEEP=0.05` in its environment, it and the processes that it starts sleep a
+twentieth of the time: what a client of the Hub waits before it repeats a call.
+
 As a program, this module is the process that is forked.
 """
 
@@ -142,6 +145,9 @@ def begin(connection: socket.socket) -> None:
     os.environ.update(environment)
     tempfile.tempdir = None
     sys.argv[:] = arguments
+    if share := environment.get("QUICK_PYTHON_SLEEP"):
+        sleep = time.sleep
+        time.sleep = lambda seconds: sleep(seconds * float(share))
 
 
 def _wait_for(child: int, connection: socket.socket) -> None:
