@@ -275,9 +275,9 @@ def test_the_hashes_are_those_of_all_files(carded):
 
 def test_the_same_data_give_the_same_bytes_in_another_folder(carded, tmp_path):
     other = make_both(tmp_path / "elsewhere")
-    assert everything(other) == everything(carded)
-    card.write_card(other)
-    assert everything(other) == everything(carded)
+    for _ in range(2):
+        card.write_card(other)
+        assert everything(other) == everything(carded)
     for path in TEXTS:
         content = (carded / path).read_text(encoding="utf-8")
         assert not any(

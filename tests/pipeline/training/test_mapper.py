@@ -246,7 +246,7 @@ def counted(player: Player) -> tuple[Player, list[int]]:
 
 def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     torch.manual_seed(0)
-    arrays = as_arrays(labyrinths_of(2, 2), ObservationSpec("image", PICTURE_SIZE, draw=True))
+    arrays = as_arrays(labyrinths_of(2, 2, 3), ObservationSpec("image", PICTURE_SIZE, draw=True))
     for remember in (True, False):
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)
