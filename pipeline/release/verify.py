@@ -13,8 +13,9 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -150,29 +151,31 @@ def verify(source: str, commit: str | None, folder: Path) -> str:
         folder: The folder that was published.
 
     Raises:
-        DatasetError: The Hub returns something else than was published, or nothing.
+        DatasetError, WrongAnswerError: The Hub returns something else than was published, or
+            nothing.
     """
     if (folder / WEIGHTS).exists():
         load_policy(source, revision=commit)
         return "the policy loads"
-    from datasets.exceptions import DatasetsError
-
     described = front_matter.described(front_matter.finished(folder))
     configs = [*zip(described["configs"], described["dataset_info"], strict=True)]
     smallest = min(configs, key=lambda each: each[1]["download_size"])
     # All as a stream, of which little is downloaded, and one whole.
-    for streaming, (config, info) in [(False, smallest), *((True, each) for each in configs)]:
-        for seconds in (*hub.WAITS, None):
-            try:
-                check_config(source, commit, folder, config, info, streaming=streaming)
-                break
-            except (OSError, ValueError, HTTPError, DatasetsError) as error:
-                if seconds is None:
-                    reason = one_line(error.__cause__ or error)
-                    told = f"{config['config_name']} cannot be loaded: {reason}"
-                    raise DatasetError(told) from error
-                time.sleep(seconds)
+    for streaming, each in [(False, smallest), *((True, each) for each in configs)]:
+        load = partial(check_config, source, commit, folder, *each, streaming=streaming)
+        hub.repeated(partial(_patiently, load, each[0]["config_name"]))
     return "every config loads"
+
+
+def _patiently(load: Callable[[], None], name: str) -> None:
+    """Load a config; turn errors that may pass into one that is retried."""
+    from datasets.exceptions import DatasetsError
+
+    try:
+        load()
+    except (OSError, ValueError, HTTPError, DatasetsError) as error:
+        told = f"{name} cannot be loaded: {one_line(error.__cause__ or error)}"
+        raise hub.WrongAnswerError(told) from error
 
 
 def check_config(
@@ -236,8 +239,8 @@ def main() -> None:
     status = 0
     try:
         _tell(verify(repo_id, commit, Path(folder)))
-    except DatasetError as error:
-        _tell(str(error))
+    except (DatasetError, hub.WrongAnswerError) as error:
+        _tell(hub.reason_of(error))
         status = 1
     # Exit at once: pyarrow's threads may abort the interpreter when it ends after streaming
     # (https://github.com/apache/arrow/issues/45214), which would look like a failure.
