@@ -46,7 +46,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
     parts = json.loads(read("croissant.json"))
     manifests = [dataset.manifest for dataset in datasets]
-    configs = {m.config.name: (m, COLUMNS, m.config.splits, "state of an episode") for m in manifests}
+    configs = {
+        m.config.name: (m, COLUMNS, m.config.splits, "state of an episode") for m in manifests
+    }
     extra = {
         name: (made, kind.columns, kind.splits(made.config), kind.row)
         for kind in companions()
@@ -95,7 +97,9 @@ def _software(manifest: Manifest) -> str:
 
 
 def _distribution(
-    parts: Mapping[str, Any], configs: Mapping[str, tuple[Manifest, Any, Any, str]], release: Release
+    parts: Mapping[str, Any],
+    configs: Mapping[str, tuple[Manifest, Any, Any, str]],
+    release: Release,
 ) -> Iterator[dict[str, Any]]:
     """Yield the repository and the files of configs."""
     within = None  # For files beside croissant.json.

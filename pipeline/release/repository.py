@@ -202,7 +202,9 @@ class Repository:
             files = [entry for entry in entries if isinstance(entry, RepoFile)]
             tree = {e.path: e.lfs.sha256 if e.lfs else e.blob_id for e in files}
             if {each.rfilename for each in info.siblings} - tree.keys():
-                raise hub.WrongAnswerError(f"the Hub lists other files of {self.repo_id} than it names")
+                raise hub.WrongAnswerError(
+                    f"the Hub lists other files of {self.repo_id} than it names"
+                )
             return str(info.sha), tree
 
         return hub.repeated(asked)
