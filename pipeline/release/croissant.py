@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from string import Template
-from typing import Any
+from typing import Any, NamedTuple
 
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import TABLE, Manifest
@@ -42,15 +42,26 @@ _DATA_TYPES = {
 """Type of a column's feature, as in the library `datasets` -> Croissant data type."""
 
 
+class _Config(NamedTuple):
+    """A config with splits: a dataset, or a companion such as questions."""
+
+    manifest: Manifest
+    columns: Sequence[Column]
+    splits: Sequence[str]
+    row: str
+    """What a row stands for."""
+
+
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
     parts = json.loads(read("croissant.json"))
     manifests = [dataset.manifest for dataset in datasets]
     configs = {
-        m.config.name: (m, COLUMNS, m.config.splits, "state of an episode") for m in manifests
+        m.config.name: _Config(m, COLUMNS, m.config.splits, "state of an episode")
+        for m in manifests
     }
     extra = {
-        name: (made, kind.columns, kind.splits(made.config), kind.row)
+        name: _Config(made, kind.columns, kind.splits(made.config), kind.row)
         for kind in companions()
         for name, made in beside(manifests, kind).items()
     }
@@ -71,9 +82,9 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
         ],
         distribution=[*_distribution(parts, configs | extra, release)],
         records=[
-            *(_rows(parts, name, *each) for name, (_, *each) in configs.items()),
+            *(_rows(parts, *each) for each in configs.items()),
             *(_labyrinths(parts, name) for name in configs),
-            *(_rows(parts, name, *each) for name, (_, *each) in extra.items()),
+            *(_rows(parts, *each) for each in extra.items()),
         ],
     )
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
@@ -98,7 +109,7 @@ def _software(manifest: Manifest) -> str:
 
 def _distribution(
     parts: Mapping[str, Any],
-    configs: Mapping[str, tuple[Manifest, Any, Any, str]],
+    configs: Mapping[str, _Config],
     release: Release,
 ) -> Iterator[dict[str, Any]]:
     """Yield the repository and the files of configs."""
@@ -118,21 +129,15 @@ def _distribution(
             yield _filled(parts["file"], path=path, size=size, sha256=digest, within=within)
 
 
-def _rows(
-    parts: Mapping[str, Any],
-    config: str,
-    columns: Sequence[Column],
-    splits: Sequence[str],
-    row: str,
-) -> Any:
-    """Return the record set of a config with splits, of which a row stands for `row`."""
-    meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
-    files = {"file_set": {"@id": f"files-of-{config}"}, "file_object": None}
+def _rows(parts: Mapping[str, Any], name: str, config: _Config) -> Any:
+    """Return the record set of a config with splits."""
+    meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in config.splits)
+    files = {"file_set": {"@id": f"files-of-{name}"}, "file_object": None}
     fields = [
-        _filled(parts["split"], config=config, meanings=meanings),
-        *(_field(parts, config, column, **files) for column in columns),
+        _filled(parts["split"], config=name, meanings=meanings),
+        *(_field(parts, name, column, **files) for column in config.columns),
     ]
-    return _filled(parts["rows"], config=config, row=row, fields=fields)
+    return _filled(parts["rows"], config=name, row=config.row, fields=fields)
 
 
 def _labyrinths(parts: Mapping[str, Any], parent: str) -> Any:
