@@ -199,12 +199,16 @@ class Repository:
             entries = self.api.list_repo_tree(
                 self.repo_id, repo_type=self.repo_type, revision=info.sha, recursive=True
             )
-            files = [entry for entry in entries if isinstance(entry, RepoFile)]
-            tree = {e.path: e.lfs.sha256 if e.lfs else e.blob_id for e in files}
+            tree: dict[str, str] = {}
+            seen = set()
+            for entry in entries:
+                if entry.path in seen:  # As if the first page came after the last.
+                    raise hub.WrongAnswerError(f"{self.repo_id}: the Hub lists {entry.path} twice")
+                seen.add(entry.path)
+                if isinstance(entry, RepoFile):
+                    tree[entry.path] = entry.lfs.sha256 if entry.lfs else entry.blob_id
             if {each.rfilename for each in info.siblings} - tree.keys():
-                raise hub.WrongAnswerError(
-                    f"the Hub lists other files of {self.repo_id} than it names"
-                )
+                raise hub.WrongAnswerError(f"{self.repo_id}: the Hub lists files that it lacks")
             return str(info.sha), tree
 
         return hub.repeated(asked)
