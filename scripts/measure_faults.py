@@ -84,9 +84,9 @@ def main() -> None:
             "HF_HOME": f"{place}/home",
             "HF_TOKEN": TOKENS["write"],
             "XDG_CACHE_HOME": f"{place}/caches",
-            "HF_HUB_DOWNLOAD_TIMEOUT": "1",
-            "HF_HUB_ETAG_TIMEOUT": "1",
-            "LABYRINTH_HUB_SECONDS": "1",
+            "HF_HUB_DOWNLOAD_TIMEOUT": "2",
+            "HF_HUB_ETAG_TIMEOUT": "2",
+            "LABYRINTH_HUB_SECONDS": "2",
         }
         with LocalHub(Path(place, "hub")) as hub:
             os.environ["HF_ENDPOINT"] = hub.url

@@ -186,7 +186,7 @@ def test_weights_are_those_that_the_hub_and_its_list_name(faulty: LocalHub, list
 
 
 def test_a_policy_is_never_an_older_release_in_silence(
-    faulty: LocalHub, monkeypatch: pytest.MonkeyPatch
+    faulty: LocalHub, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     faulty.create_repo(MODEL, kind="model")
     with pytest.raises(DatasetError, match=f"{MODEL} holds no policy: give model.safetensors and"):
@@ -206,6 +206,9 @@ def test_a_policy_is_never_an_older_release_in_silence(
         assert files_of(MODEL) == found
     assert files_of(MODEL).paths["model.onnx"].read_bytes() == b"new"
     assert files_of(f"{MODEL}@{found.commit}") == found
+    (tmp_path / MODEL).mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    assert files_of(MODEL, found.commit, on_hub=True) == found
 
 
 def test_calls_of_others_are_retried_by_the_client_still(faulty: LocalHub) -> None:

@@ -205,6 +205,17 @@ def test_a_call_that_the_client_retries_itself_is_retried_by_one_of_both(
     release(folder)
 
 
+def test_a_listing_that_never_ends_is_told_in_one_line(empty: LocalHub, folder: Path) -> None:
+    release(folder)
+    pages = f"{empty.url}/api/datasets/{REPO}/tree/main"
+    [*entries] = HfApi().list_repo_tree(REPO, repo_type="dataset")
+    files = [{"type": "file", "path": each.path, "oid": "0" * 40, "size": 1} for each in entries]
+    body, link = json.dumps(files).encode(), {"Link": f'<{pages}>; rel="next"'}
+    empty.faults.answer("GET", "/tree/", status=200, body=body, headers=link, times=UNLIMITED)
+    told = refusal(folder, "1.1.0")
+    assert told.startswith(f"{REPO}: the Hub lists {files[0]['path']} twice")
+
+
 MOMENTS: dict[str, tuple[str, str]] = {
     "before it is listed to be sent": ("GET", "/refs$"),
     "before the uploads": ("GET", "/revision/main$"),
