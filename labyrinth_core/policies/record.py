@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import platform
 import re
+from collections.abc import Mapping
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256, read_json
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
-from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
+from labyrinth_core.evaluation.description import Epoch, TrainedRun, Training, TrainLabyrinths
 from labyrinth_core.policies.spec import POLICY, RECORD
 from labyrinth_core.version import __version__
 
@@ -20,22 +21,35 @@ FORMAT = 1
 SUMS = "SHA256SUMS"
 """The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
-_CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
-_LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
-_SHAPE = {
-    "format": FORMAT,
-    "run": {
-        "method": Text(r"\w[\w.:-]*"),
-        "observation": Text("image|vector"),
-        **taken(RUN, (*_CHOSEN, *_LEARNT_FROM)),
-    },
-    **TRAINING,
-    "history": Each({"epoch": COUNT}),
-    "files": {POLICY: Text("[0-9a-f]{64}")},
-}
+
+class MadeBy(TypedDict):
+    """What determines the weights of a run; a method in Python has its `code`, too."""
+
+    method: Annotated[str, typed.Like(r"\w[\w.:-]*")]
+    encoder: typed.Word
+    observation: Literal["image", "vector"]
+    protocol: typed.Word
+    train_labyrinths: TrainLabyrinths
+    seed: typed.Seed
+    settings: Mapping[typed.Word, Any]
+    config: typed.ConfigName
+    dataset: str
+    revision: str | None
+    fingerprint: typed.Sha256
 
 
-def read_run(folder: Path) -> dict[str, Any] | None:
+class Record(Training):
+    """The content of `run.json`."""
+
+    format: Literal[1]
+    run: MadeBy
+    history: list[Epoch]
+    """The metrics of each epoch."""
+    files: Mapping[typed.Word, typed.Sha256]
+    """Name -> SHA-256 of the other files, among them the weights."""
+
+
+def read_run(folder: Path) -> Record | None:
     """Return the content of `run.json`, or None if the folder holds no finished run.
 
     The file is compared with its hash in the folder's `SHA256SUMS`, if that lists it, and the
@@ -51,8 +65,7 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         if expected and file_sha256(path) not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
-        content = read_json(path)
-        check_shape(content, _SHAPE)
+        content: Record = typed.read_as(Record, read_json(path))
         rows, selected = content["history"], content["selected"]
         if len(rows) != content["epochs"] or selected not in rows:
             told = f"{len(rows)} in its history, of which epoch {selected['epoch']} is selected"
@@ -65,10 +78,10 @@ def read_run(folder: Path) -> dict[str, Any] | None:
         found = file_sha256(weights)
     except FileNotFoundError as error:
         raise DatasetError(f"{weights} does not exist: stages=train makes it") from error
-    if found != content["files"][POLICY]:
+    if found != content["files"].get(POLICY):
         told = f"{weights} is damaged: its sha256 is not the one in {RECORD}"
         raise DatasetError(f"{told}; {again}")
-    return dict(content)
+    return content
 
 
 def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
@@ -80,11 +93,17 @@ def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
     record = read_run(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    made = record["run"]
+    made: Mapping[str, Any] = record["run"]
+    shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
     return TrainedRun(
         method=TrainedRun.title_of(made["method"]),
-        **taken(made, (*_CHOSEN, *_LEARNT_FROM)),
-        training=taken(record, ("epochs", "seconds", "selected", "computed")),
+        **{name: made[name] for name in shared},
+        training={
+            "epochs": record["epochs"],
+            "seconds": record["seconds"],
+            "selected": record["selected"],
+            "computed": record["computed"],
+        },
         evaluated={
             "device": device,
             "versions": training_versions(),

@@ -5,12 +5,13 @@ The file is data: every value is checked against the allowed values, and nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import Field, asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from math import inf
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar
 
-from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
+from labyrinth_core.data import typed
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
 
@@ -201,7 +202,7 @@ class PolicySpec:
             ValueError: The protocol of the run does not exist, or the network has other fields.
         """
         shape, settings = _read(NetworkSpec, network, "network"), run["settings"]
-        check_shape(run["protocol"], OneOf(tuple(RESIZE_OF_PROTOCOL)), "protocol")
+        _require_one_of("protocol", run["protocol"], RESIZE_OF_PROTOCOL)
         resize = RESIZE_OF_PROTOCOL[run["protocol"]]
         of_method = OWN.get(shape.encoder)
         own = None
@@ -218,41 +219,51 @@ class PolicySpec:
         """
         from labyrinth_core.data.observations import RESIZES
 
-        check_shape(content, {"network": None, "average": None})
+        content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")
         name, average = network.encoder, content["average"]
-        check_shape(average, _BOOLEAN, "average")
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
             raise ValueError("average is True, but a mapper does not average over symmetries")
         if isinstance(own, PlannerSpec):
             own.require_bounded(average)
         resize = content.get("resize", "area")
-        check_shape(resize, OneOf(tuple(RESIZES)), "resize")
+        _require_one_of("resize", resize, RESIZES)
         spec = cls(network, average, own, resize)
         expected = spec.to_json()
-        check_shape(content, Exactly(dict.fromkeys(expected)))
+        for name in content:
+            if name not in expected:
+                raise ValueError(f"it has {printable_line(name):.60}, which is unknown")
         for name, value in expected.items():
-            if content[name] != value:
-                raise ValueError(f"{name} is {content[name]!r:.60}, not {value!r}")
+            if content.get(name) != value:
+                raise ValueError(f"{name} is {content.get(name)!r:.60}, not {value!r}")
         return spec
+
+
+class _Config(TypedDict):
+    """What every `config.json` has, besides what follows from it."""
+
+    network: Mapping[str, Any]
+    average: bool
 
 
 Spec = TypeVar("Spec")
 
 
 def _read(cls: type[Spec], values: Any, place: str) -> Spec:
-    declared = fields(cls)  # type: ignore[arg-type]
-    check_shape(values, Exactly({each.name: _shape_of(each) for each in declared}), place)
-    return cls(**values)
+    """Return the values of a class whose fields `checked` declares."""
+    found: Spec = typed.read_as(cls, values, place)
+    for each in fields(cls):  # type: ignore[arg-type]
+        least, most, one_of, _ = each.metadata["checks"]
+        value = getattr(found, each.name)
+        if one_of:
+            _require_one_of(f"{place}.{each.name}", value, one_of)
+        elif least is not None and not least <= value <= most:
+            told = f"{place}.{each.name} is {value!r:.60}"
+            raise ValueError(f"{told}, not a number from {least:g} to {most:g}")
+    return found
 
 
-_BOOLEAN = OneOf((True, False))
-
-
-def _shape_of(declared: Field[Any]) -> Any:
-    """Return the shape of the values of a field that `checked` declared."""
-    least, most, one_of, _ = declared.metadata["checks"]
-    if declared.type == "bool":
-        return _BOOLEAN
-    return OneOf(tuple(one_of)) if one_of else Number(least, most, whole=declared.type == "int")
+def _require_one_of(place: str, value: Any, allowed: Iterable[Any]) -> None:
+    if value not in (known := [*allowed]):
+        raise ValueError(f"{place} is {value!r:.60}, not one of {', '.join(map(str, known))}")

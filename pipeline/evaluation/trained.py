@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -50,7 +50,7 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
-        settings = about["settings"] | options.method
+        settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
         advice = ": leave the option out, or train with it first"
         require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
@@ -79,7 +79,11 @@ def show(job: Job[EvaluateOptions], folder: Path, data: Dataset) -> Shown:
 
 
 def _of_users_method(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, run: TrainedRun, values: dict[str, Any]
+    job: Job[EvaluateOptions],
+    folder: Path,
+    data: Dataset,
+    run: TrainedRun,
+    values: Mapping[str, Any],
 ) -> tuple[Evaluation, Callable[[str], dict[str, float]] | None]:
     """Return the policy of a user's method, which may have its own network, memory and rules.
 

@@ -11,16 +11,16 @@ from typing import Any
 from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import file_sha256, read_json, write_text
+from labyrinth_core.data.storage import file_sha256, write_text
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
-from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.record import trained_run
 from labyrinth_core.policies.spec import (
     CONFIG,
     POLICY,
@@ -125,13 +125,8 @@ def _results(
             f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
     results = Results.load(path, lambda _: _known(job, commit, manifest))
-    try:
-        record = read_json(folder / RECORD)
-        check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
-    training = {name: record[name] for name in made_by.training}
-    if (training, record["run"]["settings"]) != (made_by.training, made_by.settings):
+    made = trained_run(folder)
+    if (made.training, made.settings) != (made_by.training, made_by.settings):
         raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
     return results, made_by
 

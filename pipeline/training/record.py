@@ -105,7 +105,7 @@ def open_board(folder: Path) -> Iterator[Any]:
         path.rename(path.with_name(".".join(path.name.split(".")[:4])))
 
 
-def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
+def _curves(title: str, history: Sequence[Mapping[str, Any]]) -> bytes:
     """Return a PNG with the losses and success rates by epoch."""
     # Inherited from a notebook, it may name a backend that is not installed here.
     os.environ.pop("MPLBACKEND", None)

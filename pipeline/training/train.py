@@ -31,7 +31,7 @@ from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.record import trained_run
 from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.options import source_of
@@ -108,9 +108,8 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     if made is None:
         restore_curves(folder, run_name(job).name)
         say(f"{folder} is complete already.")
-        record = read_run(folder)
-        assert record is not None  # The folder is complete.
-        return float(record["selected"]["validation_sr"])
+        selected: Mapping[str, Any] = trained_run(folder).training["selected"]
+        return float(selected["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
         f"{run_name(job).name}: SR {done.best['validation_sr']:.1%} on validation, "
