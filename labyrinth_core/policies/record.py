@@ -14,10 +14,10 @@ from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import file_sha256, read_json
 from labyrinth_core.evaluation.description import Epoch, TrainedRun, Training, TrainLabyrinths
-from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
 
-FORMAT = 1
+FORMAT = 2
 SUMS = "SHA256SUMS"
 """The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
@@ -41,7 +41,7 @@ class MadeBy(TypedDict):
 class Record(Training):
     """The content of `run.json`."""
 
-    format: Literal[1]
+    format: Literal[2]
     run: MadeBy
     history: list[Epoch]
     """The metrics of each epoch."""
@@ -53,12 +53,12 @@ def read_run(folder: Path) -> Record | None:
     """Return the content of `run.json`, or None if the folder holds no finished run.
 
     The file is compared with its hash in the folder's `SHA256SUMS`, if that lists it, and the
-    weights with their hash in `run.json`.
+    policy's files with theirs in `run.json`.
 
     Raises:
-        DatasetError: One of the two files is damaged, or `run.json` has another form.
+        DatasetError: One of these files is damaged, or `run.json` has another form.
     """
-    path, weights = folder / RECORD, folder / POLICY
+    path = folder / RECORD
     again = "stages=train overwrite=true makes it again"
     try:
         expected = listed(folder / SUMS, RECORD)
@@ -73,14 +73,17 @@ def read_run(folder: Path) -> Record | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
-    try:
-        found = file_sha256(weights)
-    except FileNotFoundError as error:
-        raise DatasetError(f"{weights} does not exist: stages=train makes it") from error
-    if found != content["files"].get(POLICY):
-        told = f"{weights} is damaged: its sha256 is not the one in {RECORD}"
-        raise DatasetError(f"{told}; {again}")
+        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}; {again}") from error
+    for name in (WEIGHTS, CONFIG):
+        if name in content["files"] or name == WEIGHTS:
+            try:
+                found = file_sha256(folder / name)
+            except FileNotFoundError as error:
+                told = f"{folder / name} does not exist: stages=train makes it"
+                raise DatasetError(told) from error
+            if found != content["files"].get(name):
+                told = f"{folder / name} is damaged: its sha256 is not the one in {RECORD}"
+                raise DatasetError(f"{told}; {again}")
     return content
 
 
@@ -107,7 +110,7 @@ def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
         evaluated={
             "device": device,
             "versions": training_versions(),
-            "weights": record["files"][POLICY],
+            "weights": record["files"][WEIGHTS],
         },
     )
 

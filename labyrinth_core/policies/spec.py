@@ -17,10 +17,10 @@ from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
-"""The two files of a published policy."""
+"""The two files of a policy, trained or published."""
 
-RECORD, POLICY = "run.json", "policy.safetensors"
-"""The two files of a training run from which its policy is read; see `PolicySpec.of_run`."""
+RECORD = "run.json"
+"""The record of the training run that made a policy, beside these two."""
 
 GRAPH = "model.onnx"
 """The only file of an ONNX policy, which a season's judge reads and `load_policy` does not."""
@@ -191,24 +191,20 @@ class PolicySpec:
         }
 
     @classmethod
-    def of_run(cls, network: Any, run: Any) -> PolicySpec:
-        """Return the specification of a training run's policy; `from_json` checks its content.
+    def of_run(cls, network: NetworkSpec, run: Mapping[str, Any]) -> PolicySpec:
+        """Return the specification of the policy that a training run makes.
 
         Args:
-            network: The fields of the `NetworkSpec`.
-            run: The choices that determine the run, including the `settings` of its method.
-
-        Raises:
-            ValueError: The protocol of the run does not exist, or the network has other fields.
+            network: The network.
+            run: The choices that determine the run: its `protocol`, and the `settings` of its
+                method.
         """
-        shape, settings = _read(NetworkSpec, network, "network"), run["settings"]
-        _require_one_of("protocol", run["protocol"], RESIZE_OF_PROTOCOL)
-        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
-        of_method = OWN.get(shape.encoder)
+        settings, of_method = run["settings"], OWN.get(network.encoder)
         own = None
         if of_method is not None:
-            own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
-        return cls(shape, settings.get("average", False), own, resize)
+            own = of_method(**{each.name: settings[each.name] for each in fields(of_method)})
+        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
+        return cls(network, settings.get("average", False), own, resize)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:

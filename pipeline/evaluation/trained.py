@@ -17,7 +17,7 @@ from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import POLICY, PolicySpec
+from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
 from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.options import EvaluateOptions
@@ -99,7 +99,7 @@ def _of_users_method(
     if options.observation == "vector":
         PolicySpec(spec, average=False).require_fit(about.height, about.width, about.task)
     make = partial(method.make, settings=settings)
-    policy = read_policy(folder / POLICY, spec, choose_device(options), make)
+    policy = read_policy(folder / WEIGHTS, spec, choose_device(options), make)
     size = method.image_size(spec, settings, about.height, about.width)
     resize = PROTOCOLS[options.protocol].resize
     shape = replace(spec, height=about.height, width=about.width)

@@ -1,12 +1,14 @@
 """The stage `train`: train a policy on a dataset.
 
 The folder of a run is `<run_dir>/<config>/<name>`, with the name of `RunName`. It appears when the
-run is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint
+run is finished, with `model.safetensors`,
+`config.json`, `curves.png` and `run.json`. Until then the checkpoint
 is in a hidden folder next to it, and an earlier run keeps its place.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -32,10 +34,19 @@ from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import trained_run
-from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
+from labyrinth_core.policies.spec import (
+    CONFIG,
+    ENCODERS,
+    OWN,
+    RECORD,
+    WEIGHTS,
+    NetworkSpec,
+    PolicySpec,
+)
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.options import source_of
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.stage import CONFIG as OPTIONS
+from pipeline.config.stage import Job
 from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import each_minute, progress, say
@@ -91,7 +102,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
         # The dataset may have moved since.
         identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
-    rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
+    rules: dict[str, Any] = {"mark": RECORD, "names": files_of(job), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
@@ -103,7 +114,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
                 if job.composed:
-                    write_text(made / CONFIG, job.composed)
+                    write_text(made / OPTIONS, job.composed)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         restore_curves(folder, run_name(job).name)
@@ -143,8 +154,12 @@ def _train(
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    write_record(folder, run_name(job).name, identity, done, computed_on(device))
+    save_policy(folder / WEIGHTS, done.weights, learner.problem.spec)
+    if CONFIG in files_of(job):
+        policy = PolicySpec.of_run(learner.problem.spec, identity)
+        write_text(folder / CONFIG, json.dumps(policy.to_json(), indent=1) + "\n")
+    files = [name for name in files_of(job) if name != RECORD]
+    write_record(folder, run_name(job).name, identity, done, computed_on(device), files)
     return done
 
 
@@ -219,6 +234,15 @@ def loader_of(
         return arrays_in(selection, ObservationSpec(observation, image_size, True, resize))
 
     return load
+
+
+def files_of(job: Job[TrainingOptions]) -> list[str]:
+    """Return the names of the files without which the folder of a run is damaged.
+
+    The library describes no network of a user's method, so such a run has no `config.json`.
+    """
+    described = job.options.network in (*ENCODERS, *OWN)
+    return [RECORD, WEIGHTS, *[CONFIG] * described]
 
 
 def spec_of(job: Job[TrainingOptions]) -> NetworkSpec:
