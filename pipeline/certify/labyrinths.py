@@ -24,7 +24,7 @@ from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import console, say
+from pipeline.machinery.console import say
 
 
 def certify_labyrinths(
@@ -56,7 +56,7 @@ def certify_labyrinths(
     }
     leave(folder, {name: as_text(content).encode()}, overwrite=overwrite)
     path = folder / name
-    console.print(table_of(leakage, with_routes=not found.structures_alone))
+    say(table_of(leakage, with_routes=not found.structures_alone))
     yield from leaks(leakage, found.files)
     if found.structures_alone:
         yield "Some labyrinths have no start and goal, so only structures are compared."

@@ -42,8 +42,8 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import new_file
+from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa

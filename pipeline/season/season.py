@@ -12,7 +12,7 @@ from labyrinth_core.data.storage import (
     LocalFile,
 )
 from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
@@ -85,8 +85,7 @@ def _make(job: Job[SeasonStageOptions], place: Place, folder: Path, kept: Path) 
     with dataset(job.options.workers, replace(job.dataset, seed=seed)) as data:
         season = Season.of(place.public.name, job.options.season.date, secret, data.manifest)
     File(folder / place.season.name).write_text(season.to_text())
-    if job.composed:
-        File(folder / CONFIG).write_text(job.composed)
+    job.write_config(folder)
 
 
 def _keep(path: Path, named: Path, secret: bytes) -> None:

@@ -12,7 +12,7 @@ import pytest
 from support.composing import composed
 from support.policies import RELEASED
 
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
 
 pytestmark = pytest.mark.slow
 

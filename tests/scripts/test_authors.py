@@ -19,10 +19,9 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.record import CHECKPOINT, RECORD
 from scripts.studies.methods.authors import bco, iupe, sqil

@@ -12,7 +12,7 @@ import pytest
 from environments.summaries import Summary
 
 from labyrinth_core.world.rules import LabyrinthError
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.command.dataset import DatasetOptions, dataset_config
 
 pytestmark = pytest.mark.slow
 

@@ -51,6 +51,24 @@ def cut_short(path: Path) -> None:
     path.write_bytes(path.read_bytes()[:-1])
 
 
+def linked(folder: Path, store: Path) -> dict[str, bytes]:
+    """Put the files of a folder into a store, a link in the place of each; return the store's."""
+    for path in [each for each in folder.rglob("*") if each.is_file()]:
+        place = store / path.relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(place)
+        path.symlink_to(place)
+    return content_of(store)
+
+
+def folder_behind_link(link: Path, tmp_path: Path) -> Path:
+    """Make a link to a new empty folder elsewhere; return that folder."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    return elsewhere
+
+
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
     """Return what shows that the shards in a folder have not been written again, by their names."""
     return {

@@ -21,7 +21,7 @@ from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import Solver
-from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.command.dataset import DemonstrationsConfig
 
 BUILDS = {
     "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},

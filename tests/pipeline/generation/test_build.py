@@ -35,7 +35,7 @@ from pipeline.generation import shard as making
 from pipeline.generation import workplace
 from pipeline.generation.check import validate
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.versions import build_versions
 
 Build = Callable[..., Run]
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -19,8 +18,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.rules import Task
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.release import card
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 
 pytestmark = pytest.mark.slow
 
@@ -183,27 +181,3 @@ def test_a_structure_that_no_split_may_have_is_found(folder: Path, navigation: R
     )
     replace_first(folder, "train", lambda _: turned)
     assert f"{first_info_of('train')}the structure belongs to no split" in problems(folder)
-
-
-# What is said of it.
-
-
-def test_card_and_croissant_say_that_goals_vary(tiny: Run, tmp_path: Path, build: Build) -> None:
-    shutil.copytree(tiny.data_dir, tmp_path, dirs_exist_ok=True)
-    build(tmp_path, size="4", labyrinths=3, random_steps=5)
-    card.write_card(tmp_path)
-    readme, croissant = (
-        (tmp_path / name).read_text(encoding="utf-8") for name in ("README.md", "croissant.json")
-    )
-    command, other = (
-        line
-        for line in re.sub(r"\\\n +", "", readme).splitlines()
-        if line.startswith("labyrinth-datasets size")
-    )
-    assert "size=3x3 " in command
-    assert command.endswith(" goals=varied")
-    assert "goals" not in other
-    for text in (readme, croissant):
-        assert "With `goals=varied` (`3x3`) each labyrinth has its own start and goal" in text
-        assert "But for `3x3`, in `train`, `validation`, `test` and `random` the" in text
-    assert "With varied start and goal (`3x3`), any rotation" in readme

@@ -19,7 +19,7 @@ from labyrinth_core.data.manifest import TABLE
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver
-from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.command.dataset import DemonstrationsConfig
 from pipeline.inspection.counts import routes_of
 
 pytestmark = pytest.mark.slow

@@ -24,7 +24,7 @@ from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.structure import BUCKETS, Structure
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack

@@ -20,7 +20,7 @@ from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.rules import Task
-from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.command.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.training.methods import bc, planner
 
