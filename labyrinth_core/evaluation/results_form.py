@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
@@ -197,6 +198,7 @@ _COPY = {
 
 MEMORISED = _EXCESS | {
     "split": Text("|".join(SPLITS_WITHOUT_TRAIN)),
+    "train": Named(_WORD, None),
     "drawn": Number(*CONTROLS, whole=True),
     "shared": SHARE,
     "own_way": _EXCESS,
@@ -233,6 +235,8 @@ def receipt_in(content: Any, splits: Container[str], cells: int) -> Receipt:
         parts.append(found)
     if content["split"] not in splits:
         raise ValueError(f"it.memorised.split is {content['split']}, which has no results")
+    if (train := DatasetConfig.from_json(content["train"])).height * train.width != cells:
+        raise ValueError(f"it.memorised.train is of {train.name}, not of {cells} cells")
     for each in content["copies"]:
         for cell in (each["agent"], *chain.from_iterable(each["passages"])):
             if cell >= cells:
@@ -245,7 +249,7 @@ def receipt_in(content: Any, splits: Container[str], cells: int) -> Receipt:
         )
         for each in content["copies"]
     )
-    rest = taken(content, ("split", "drawn", "shared", "everywhere"))
+    rest = taken(content, ("split", "train", "drawn", "shared", "everywhere"))
     return Receipt(**vars(parts[0]), **rest, own_way=parts[1], copies=copies)
 
 
