@@ -142,7 +142,7 @@ class Receipt(Excess):
         lines = [
             f"Does the policy follow its own train? {self.split}, {self.drawn} controls",
             f"  excess    {_points(self)} points, {self.most:.1f} if it always did",
-            f"  controls  {self.controls[0]:+.2f} ± {self.controls[1]:.2f}",
+            f"  controls  {self.controls[0]:+z.2f} ± {self.controls[1]:.2f}",
             f"  p         {self.p:.3f}",
             f"  states    {self.states:,} of {states}, and {self.without_twin:,} without a twin",
         ]
@@ -159,7 +159,7 @@ class Receipt(Excess):
 
 def _points(of: Excess) -> str:
     low, high = of.interval
-    return f"{of.excess:+.2f} [{low:+.2f}, {high:+.2f}]"
+    return f"{of.excess:+z.2f} [{low:+z.2f}, {high:+z.2f}]"
 
 
 def _action(shares: Sequence[float]) -> str:
@@ -361,11 +361,14 @@ def _controls(config: DatasetConfig, count: int) -> tuple[Demonstrated, tuple[fr
 def references_of(twins: Twins, optimal: NDArray[np.bool_]) -> tuple[NDArray[np.floating], ...]:
     """Return the actions of policies that depend on no single set, for `without_effects`.
 
-    They are the solver, what twins show most often, and policies that have learnt other sets.
+    They are the solver, what twins show most often, policies that have learnt other sets, and those
+    that always take the same action. In the dataset of seed 0, whose train moves up more often than
+    most, a constant policy would otherwise have p = 0.015.
     """
     solver = optimal / np.maximum(optimal.sum(axis=1, keepdims=True), 1)
     usual = np.eye(ACTIONS)[most_shown(np.nansum(twins.shown, axis=0, dtype=np.float64))]
-    return solver, usual, twins.others()
+    constant = np.broadcast_to(np.eye(ACTIONS)[:, None], (ACTIONS, *usual.shape))
+    return solver, usual, twins.others(), *constant
 
 
 def _everywhere(
