@@ -290,7 +290,7 @@ def _limits(trained: Trained) -> list[str]:
     limits = [paragraph(f"policy_{name}") for name in names]
     receipt = trained.results.memorised
     if receipt is not None:
-        figures = {"excess": f"{receipt.excess:+.2f}", "most": f"{receipt.most:.1f}"}
+        figures = {"excess": f"{receipt.excess:+z.2f}", "most": f"{receipt.most:.1f}"}
         figures |= {"p": f"{receipt.p:.3f}", "drawn": f"{receipt.drawn:,}"}
         limits.append(paragraph("policy_memorised", **figures))
     return limits
