@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
@@ -60,7 +60,7 @@ class Job(Generic[Options]):
 
     def require_dataset(self) -> None:
         """Raise a DatasetError if the dataset does not exist; the message says how to make it."""
-        if not (self.folder / MANIFEST).is_file():
+        if not (self.folder / Manifest.FILE).is_file():
             size = f"size={self.dataset.height}x{self.dataset.width} task={self.dataset.task}"
             command = f"labyrinth-datasets {size} {as_typed('data_dir', str(self.data_dir))}"
             raise DatasetError(f"{self.folder} holds no dataset: {command} makes it")

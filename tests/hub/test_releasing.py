@@ -17,7 +17,7 @@ from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
 from labyrinth_core.data import hub as client
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import publish
 from pipeline.release.card import write_card
@@ -274,7 +274,7 @@ def test_two_publishers_at_once_leave_one_release_and_a_line(
 
 
 def test_a_manifest_that_was_edited_is_not_published(folder: Path) -> None:
-    path = folder / "2x3" / MANIFEST
+    path = folder / "2x3" / Manifest.FILE
     text = path.read_text(encoding="utf-8")
     path.write_text(text.replace('"seed": 1', '"seed": 7'), encoding="utf-8")
     told = f"{path} has changed, though its shards have not: build the dataset again"
