@@ -148,7 +148,8 @@ def unused(names: Iterable[str], options: Any) -> dict[str, tuple[str, ...]]:
         names: The names of the options that a command line gives.
         options: An instance of `ALL`.
     """
-    idle = {stage: STAGES[stage].idle(options) for stage in options.stages}
+    known = [stage for stage in options.stages if stage in STAGES]
+    idle = {stage: STAGES[stage].idle(options) for stage in known}
     lost = {}
     for name in names:
         first = name.partition(".")[0]
