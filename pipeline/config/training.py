@@ -99,7 +99,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
 
     @property
     def resize(self) -> str:
-        """How the protocol shrinks pictures: one of `data.observations.RESIZES`."""
+        """How the protocol shrinks pictures: one of `pictures.observations.RESIZES`."""
         return RESIZE_OF_PROTOCOL[self.protocol]
 
     def users_method(self) -> Any:

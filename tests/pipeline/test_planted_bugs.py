@@ -30,12 +30,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         ((), "pipeline.questions.check:routes_of"),
     ],
-    "analyse": [((), "pipeline.inspection.counts:table_and_distances")],
+    "analyse": [((), "pipeline.inspection.counts:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
     "card": [((), "pipeline.inspection.statistics:_pair")],
     "report": [
         ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:table_and_distances"),
+        ((), "pipeline.inspection.counts:Solver"),
     ],
     "publish": [
         (

@@ -81,10 +81,7 @@ def make(data_dir: Path, size: str, task: str = "navigation", **options: Any) ->
 
 
 def make_both(data_dir: Path) -> Path:
-    """Build two datasets, write their card, and return the folder of both."""
-    from pipeline.release import card  # It imports the Hub's client, which reads the environment.
-
+    """Build two datasets, and return the folder of both."""
     make(data_dir, "3x3", labyrinths=7, random_steps=25)
     make(data_dir, "3x4", "key_and_door", labyrinths=3, random_steps=25, solutions="all")
-    card.write_card(data_dir)
     return data_dir

@@ -21,7 +21,7 @@ from support.making import RunConfig, resolve
 
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
