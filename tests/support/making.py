@@ -9,10 +9,9 @@ from typing import Any, get_type_hints
 
 from labyrinth_core.evaluation.description import RunName
 from pipeline.command import composed
-from pipeline.config import training
-from pipeline.config.dataset import BucketsConfig
+from pipeline.command.dataset import BucketsConfig
+from pipeline.command.stages import STAGES
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.generation import build
 
 
@@ -22,17 +21,17 @@ class Run(Job[Any]):
 
     @property
     def run_name(self) -> RunName:
-        return training.run_name(self)
+        return self.options.run_name(self.dataset)
 
     @property
     def training_folder(self) -> Path:
-        return training.training_folder(self)
+        return self.options.run_folder(self.dataset)
 
 
 def _derived(options: Any, name: str) -> Any:
-    """Return what a stage's class of options computes from its options."""
+    """Return what a stage's class of options has beside the options."""
     for stage in STAGES.values():
-        if isinstance(getattr(stage.options, name, None), property):
+        if hasattr(stage.options, name):
             return getattr(composed.part_of(options, stage.options), name)
     raise AttributeError(name)
 

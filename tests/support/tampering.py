@@ -27,7 +27,7 @@ from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
@@ -203,7 +203,7 @@ def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyri
         first = [row for row in rows if row["info"] == rows[0]["info"]]
         number = int(first[0]["obs"]["path"].split("-")[1])
         labyrinth = change(parse(first[0]["info"]))
-        route = shortest_routes(labyrinth)[0]
+        route = Solver(labyrinth).shortest_routes()[0]
         rows[: len(first)] = episode_rows(split, number, labyrinth, route)
 
 

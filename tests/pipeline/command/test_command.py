@@ -18,7 +18,7 @@ from support.quick_python import python
 from support.tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
-from pipeline.config.stage import CONFIG
+from pipeline.config.stage import Job
 
 pytestmark = pytest.mark.slow
 
@@ -251,14 +251,14 @@ def test_what_was_made_lies_beside_the_options_that_make_it_again(
     made = content_of(tmp_path)
     of_run = "runs/3x3/bc-mlp-seed0-labyrinths3"
     for folder in (of_run, "exports/imitation/labyrinth/3x3/test-v0"):
-        assert f"  {CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
+        assert f"  {Job.CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
         again = tmp_path / "again"
         again.mkdir()
         done = run(again, "--config-dir", f"../{folder}", "--config-name", "config")
         assert (done.returncode, done.stderr) == (0, "")
         repeated = content_of(again)
         assert repeated.keys() == made.keys()
-        for name in (f"{of_run}/{CONFIG}", f"{of_run}/policy.safetensors"):
+        for name in (f"{of_run}/{Job.CONFIG}", f"{of_run}/policy.safetensors"):
             assert repeated[name] == made[name]
         shutil.rmtree(again)
 

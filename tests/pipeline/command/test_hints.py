@@ -14,7 +14,7 @@ from support.making import Run, RunConfig, resolve
 from support.quick_python import python
 
 from pipeline.command.hints import next_command
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
 
 
 @pytest.mark.slow

@@ -18,7 +18,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import distances, shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
@@ -66,7 +66,7 @@ def test_every_number_is_what_replaying_the_rows_gives(both, name, split):
     assert counted.action_shares.sum() == pytest.approx(1)
     if name == DEFAULT:
         for labyrinth, episode, _ in replayed:
-            moves, far = labyrinth.structure.moves, distances(labyrinth)
+            moves, far = labyrinth.structure.moves, Solver(labyrinth).distances
             for state, action in zip(episode.states, episode.actions.tolist(), strict=False):
                 nearer = [far[after] < far[state.agent] for after in moves[state.agent]]
                 choices.append(sum(nearer))
@@ -79,7 +79,7 @@ def test_every_number_is_what_replaying_the_rows_gives(both, name, split):
     assert counted.mean_loops == pytest.approx(np.mean(loops))
     ways = [Counter(cell for pair in of.structure.passages() for cell in pair) for of in held]
     assert counted.junctions == Counter(sum(n > 2 for n in of.values()) for of in ways)
-    assert counted.moves == Counter(len(shortest_routes(of)[0]) for of in held)
+    assert counted.moves == Counter(len(Solver(of).shortest_routes()[0]) for of in held)
 
 
 def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(both):

@@ -16,7 +16,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.solver import moves_and_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.generation import check
 from pipeline.questions import stage as questions
 
@@ -37,7 +37,9 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
         assert rows[0]["image"].size == (600, 600)
         assert rows[0]["image_300"].size == (300, 300)
         for row in rows.remove_columns(["image", "image_300"]):
-            assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
+            assert (row["moves"], len(row["routes"])) == Solver(
+                parse(row["info"])
+            ).moves_and_routes()
     with pytest.raises(DatasetError, match=f"holds {NAME}$"):  # They have no episodes.
         load_transitions(asked.data_dir, f"{NAME}-questions", split="test")
 

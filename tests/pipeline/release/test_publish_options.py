@@ -9,9 +9,9 @@ import pytest
 from support.making import RunConfig, resolve
 from support.publishing import REPO
 
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
-from pipeline.config.stages import STAGES
 from pipeline.release.options import PublishOptions
 
 WHERE = {"repo_id": REPO, "version": "1.0.0"}

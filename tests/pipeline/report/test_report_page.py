@@ -22,9 +22,9 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import TILES, Labyrinth, LabyrinthError, Task
-from labyrinth_core.world.solver import distances, optimal_actions
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, LabyrinthError, State, Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
@@ -150,8 +150,10 @@ def test_the_page_writes_and_solves_a_labyrinth_as_python_does(open_report):
     for labyrinth, answer in zip(labyrinths, answers, strict=True):
         assert answer == {
             "text": dump(labyrinth),
-            "distances": distances(labyrinth),
-            "optimal": [np.flatnonzero(row).tolist() for row in optimal_actions(labyrinth)],
+            "distances": Solver(labyrinth).distances,
+            "optimal": [
+                np.flatnonzero(row).tolist() for row in Solver(labyrinth).optimal_actions()
+            ],
         }
 
 
