@@ -1,13 +1,12 @@
 """`load_policy` loads a policy for `evaluate` from a folder or the Hub.
 
-It reads two files of data: `config.json` or, for a run, `run.json`, in which every value is
-checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded, and
-no code is executed.
+It reads two files of data: `config.json`, in which every value is checked, and weights in the
+safetensors format, which holds no code; in the folder of a run also its record. Nothing else is
+downloaded, and no code is executed.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +16,7 @@ from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import file_sha256, read_json
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
     **PUBLISHED,
     RECORD: 1 << 26,
-    POLICY: 1 << 28,
     GRAPH: 1 << 28,
     SUMS: 1 << 20,
 }
@@ -66,8 +64,7 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
     folder = located(source, revision)
-    if (folder / RECORD).exists() and not (folder / CONFIG).exists():
-        return _with_weights(_read_spec_of_run(folder), folder / POLICY)
+    read_run(folder)  # Compares the weights with the record, if there is one.
     return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
 
 
@@ -130,20 +127,6 @@ def _read_spec(path: Path) -> PolicySpec:
         raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
-
-
-def _read_spec_of_run(folder: Path) -> PolicySpec:
-    """Return the specification of a run's policy; the file of weights names the network's shape."""
-    record = folder / RECORD
-    check_size(record, RECORD, record.stat().st_size)
-    content = read_run(folder)
-    assert content is not None  # The caller has found the file.
-    _, texts = _read_weights(folder / POLICY)
-    try:
-        network = json.loads(texts.get("network", "null"))
-        return PolicySpec.from_json(PolicySpec.of_run(network, content["run"]).to_json())
-    except _UNREADABLE as error:
-        raise DatasetError(f"{record} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:

@@ -18,6 +18,11 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 Options = TypeVar("Options")
 
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
+DATASET_AND_CONFIG = (
+    r"(.*[^/]/\d+x\d+(-\w+)?/?)?",
+    "a dataset and its config, such as data/other/4x6",
+)
+"""Patterns of values, and what they allow in words."""
 
 
 def option(

@@ -15,7 +15,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import receipt_of
+from labyrinth_core.evaluation.memorised import receipt_of, train_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -85,10 +85,9 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
         receipt = receipt_of(
             shown.player,
             shown.load(split),
-            shown.data,
+            train_of(shown.data, split, learnt),
             split=split,
             controls=asked.memorised or 0,
-            train_labyrinths=learnt,
             episodes=asked.episodes,
         )
     except (DatasetError, PolicyError):

@@ -9,7 +9,7 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import option
+from pipeline.config.option import DATASET_AND_CONFIG, option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
@@ -87,7 +87,7 @@ class EvaluateOptions(TrainingOptions, WorkOptions):
         "",
         "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
         "user/name/4x6 on the Hub",
-        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
+        like=DATASET_AND_CONFIG,
     )
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
