@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import whole
+from labyrinth_core.checks import whole
 
 LONGEST = 300
 """The largest number of characters of a text."""

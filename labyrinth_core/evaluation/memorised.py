@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
@@ -42,8 +42,9 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.dynamics import Action, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
@@ -422,7 +423,7 @@ def _copies(
         nearest = np.flatnonzero(differences[0] == differences[0].min())
         labyrinth = arrays.labyrinths[which]
         twin = own[int(demonstrated.labyrinth[candidates[nearest[0]]])]
-        place = state_at(labyrinth, int(arrays.state[state[0]]))
+        place = labyrinth.state_at(int(arrays.state[state[0]]))
         apart = {*labyrinth.structure.passages()} ^ {*twin.structure.passages()}
         did, shown, usual = (
             tuple(round(share, DECIMALS) for share in each.tolist())

@@ -48,7 +48,7 @@ from labyrinth_core.evaluation.schema import (
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 KIND = "labyrinth-results"
 FORMAT = 2

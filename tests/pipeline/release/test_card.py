@@ -32,8 +32,8 @@ from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.labyrinth import Look
-from labyrinth_core.world.solver import shortest_routes
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
+from labyrinth_core.world.solver import Solver
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import analyse, front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
@@ -304,9 +304,9 @@ def test_the_hashes_are_those_of_all_files(carded):
 
 def test_the_same_data_give_the_same_bytes_in_another_folder(carded, tmp_path):
     other = make_both(tmp_path / "elsewhere")
-    assert everything(other) == everything(carded)
-    card.write_card(other)
-    assert everything(other) == everything(carded)
+    for _ in range(2):
+        card.write_card(other)
+        assert everything(other) == everything(carded)
     for path in TEXTS:
         content = (carded / path).read_text(encoding="utf-8")
         assert not any(
@@ -542,7 +542,7 @@ def test_pictures_of_a_dataset_that_is_gone_go_and_a_persons_stay(folder):
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_a_route_is_drawn_through_the_cells_it_visits_and_no_others(carded, name):
     labyrinth = parse(labyrinths(carded / name, "test")[0])
-    (actions, *_) = shortest_routes(labyrinth)
+    (actions, *_) = Solver(labyrinth).shortest_routes()
     picture = np.asarray(picture_with_route(labyrinth, actions, 100)).astype(int)
     height, width = labyrinth.structure.height, labyrinth.structure.width
     cell = len(picture) / max(height, width)
