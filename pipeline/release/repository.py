@@ -208,7 +208,9 @@ class Repository:
                 if isinstance(entry, RepoFile):
                     tree[entry.path] = entry.lfs.sha256 if entry.lfs else entry.blob_id
             if {each.rfilename for each in info.siblings} - tree.keys():
-                raise hub.WrongAnswerError(f"{self.repo_id}: the Hub lists files that it lacks")
+                raise hub.WrongAnswerError(
+                    f"the Hub lists other files of {self.repo_id} than it names"
+                )
             return str(info.sha), tree
 
         return hub.repeated(asked)
