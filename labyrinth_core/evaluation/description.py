@@ -11,8 +11,8 @@ from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data import typed
-from labyrinth_core.world.labyrinth import whole
 
 LONGEST = 300
 """The largest number of characters of a text."""

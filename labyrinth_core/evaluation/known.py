@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.pictures.observations import ObservationSpec
 
 _CLOSE = 1e-9
 """Figures of a baseline that differ by no more than this are equal; another processor may sum many

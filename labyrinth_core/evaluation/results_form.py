@@ -14,6 +14,7 @@ from typing import Annotated, Any, Literal, TypedDict
 import numpy as np
 
 from labyrinth_core.data import typed
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
     MOST_EPISODES,
@@ -27,7 +28,7 @@ from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.world.dynamics import Action
+from labyrinth_core.world.rules import Action
 
 KIND = "labyrinth-results"
 FORMAT = 2
@@ -201,6 +202,8 @@ def check_receipt(receipt: Receipt, splits: Container[str], cells: int) -> None:
     """
     if receipt.split not in splits:
         raise ValueError(f"it.memorised.split is {receipt.split}, which has no results")
+    if (train := DatasetConfig.from_json(receipt.train)).height * train.width != cells:
+        raise ValueError(f"it.memorised.train is of {train.name}, not of {cells} cells")
     for each in (receipt, receipt.own_way):
         rank = each.p * (1 + receipt.drawn)
         if abs(rank - round(rank)) > 1e-6 or rank < 0.5:

@@ -68,31 +68,37 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
     return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
 
 
-def located(
-    source: str | Path, revision: str | None, names: Iterable[str] = tuple(PUBLISHED)
-) -> Path:
+def located(source: str | Path, revision: str | None) -> Path:
     """Return the folder with the files of a policy; for an id, download them first.
 
-    Args:
-        source: As for `load_policy`.
-        revision: As for `load_policy`.
-        names: The names of the files to download, from the keys of `MOST_BYTES`.
-
-    Raises:
-        ValueError, DatasetError: As for `load_policy`.
+    The arguments and errors are those of `load_policy`.
     """
     folder = Path(source).expanduser()
-    if folder.is_dir():
-        if revision is not None:
-            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        _require_listed(folder, PUBLISHED)
-        return folder
-    if not HUB_ID.fullmatch(str(source)):
-        raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
+    if not folder.is_dir():
+        if not HUB_ID.fullmatch(str(source)):
+            raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
+        return downloaded(str(source), revision, PUBLISHED)
+    if revision is not None:
+        raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+    _require_listed(folder, PUBLISHED)
+    return folder
+
+
+def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path:
+    """Download those files of a policy that exist, and return the folder of their commit.
+
+    Args:
+        repo_id: The model on the Hub.
+        revision: As for `load_policy`.
+        names: The names of the files, from the keys of `MOST_BYTES`.
+
+    Raises:
+        DatasetError: A file is too large or damaged, or the Hub does not give it.
+    """
     from labyrinth_core.data import hub
 
     names = [*names]
-    folder = hub.fetched(str(source), revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
+    folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
     _require_listed(folder, names)
     return folder
 

@@ -20,7 +20,7 @@ from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
-from labyrinth_core.policies.load import check_size, load_policy, located
+from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, WEIGHTS
 
@@ -166,20 +166,12 @@ def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     if not HUB_ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")
-    from huggingface_hub import HfApi
-
-    from labyrinth_core.data import hub
-
-    hub.prepare_client()
-    try:
-        found = HfApi().model_info(source, revision=revision)
-    except hub.UNAVAILABLE as error:
-        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
-        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    commit = str(found.sha)
-    names = _kind(source, {each.rfilename for each in found.siblings or ()})
-    folder = located(source, commit, names)
-    return PolicyFiles(source, commit, {name: folder / name for name in names})
+    for names in _KINDS:
+        folder = downloaded(source, revision, names)
+        revision = commit = folder.name  # The client's cache has a folder for each commit.
+        if all((folder / name).is_file() for name in names):
+            return PolicyFiles(source, commit, {name: folder / name for name in names})
+    raise _no_policy(source)
 
 
 def _in_folder(place: Path) -> dict[str, Path]:
@@ -200,8 +192,12 @@ def _kind(place: str, held: set[str]) -> tuple[str, ...]:
     for names in _KINDS:
         if held >= set(names):
             return names
+    raise _no_policy(place)
+
+
+def _no_policy(place: str) -> DatasetError:
     kinds = "; ".join(" and ".join(names) for names in _KINDS)
-    raise DatasetError(f"{place} holds no policy: give {kinds}")
+    return DatasetError(f"{place} holds no policy: give {kinds}")
 
 
 def imported(name: str, load: Callable[[str], Any] = import_module) -> Any:

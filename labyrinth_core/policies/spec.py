@@ -13,7 +13,8 @@ from typing import Any, TypedDict, TypeVar
 from labyrinth_core.data import typed
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
@@ -159,12 +160,11 @@ class PolicySpec:
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
         from labyrinth_core.evaluation.answers import PolicyError
-        from labyrinth_core.pictures.vector import tile_count
 
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":
-            own = network.height, network.width, tile_count(Task(network.task))
-            if own != (height, width, tile_count(task)):
+            own = network.height, network.width, Task(network.task).rules.positions
+            if own != (height, width, task.rules.positions):
                 raise PolicyError(
                     f"the policy needs vectors of {network.height}x{network.width}, "
                     f"{network.task}: those of {shape}, {task}, have another layout"
@@ -213,7 +213,7 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.data.observations import RESIZES
+        from labyrinth_core.pictures.observations import RESIZES
 
         content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")

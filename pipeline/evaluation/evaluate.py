@@ -15,14 +15,14 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import receipt_of
+from labyrinth_core.evaluation.memorised import receipt_of, train_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.solver import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
 from pipeline.evaluation.named import Named, find_policy
@@ -85,10 +85,9 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
         receipt = receipt_of(
             shown.player,
             shown.load(split),
-            shown.data,
+            train_of(shown.data, split, learnt),
             split=split,
             controls=asked.memorised or 0,
-            train_labyrinths=learnt,
             episodes=asked.episodes,
         )
     except (DatasetError, PolicyError):
@@ -125,7 +124,7 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     pictures = {}
     for episode in attempts(shown.player, shown.load(split), chosen):
         labyrinth = episode.labyrinth
-        optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
+        optimal = replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures

@@ -11,15 +11,14 @@ from typing import Any
 from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
 from pipeline.training.methods.method import find
@@ -92,7 +91,7 @@ def _of_users_method(
     make = partial(method.make, settings=settings)
     policy = read_policy(folder / WEIGHTS, spec, choose_device(options), make)
     size = method.image_size(spec, settings, about.height, about.width)
-    resize = PROTOCOLS[options.protocol].resize
+    resize = options.resize
     shape = replace(spec, height=about.height, width=about.width)
     return Evaluation(
         data,

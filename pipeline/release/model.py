@@ -30,7 +30,6 @@ from labyrinth_core.policies.spec import (
     PolicySpec,
 )
 from pipeline.config.stage import Job
-from pipeline.config.training import run_name, training_folder
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.faults import PublishError
@@ -95,7 +94,7 @@ def stage_policy(
         DatasetError: The run has no evaluated policy, or the policy does not load.
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
-    source = training_folder(job)
+    source = job.options.run_folder(job.dataset)
     results, made = _results(job, commit, manifest)
     policy = load_policy(source)
     if file_sha256(source / WEIGHTS) != made.evaluated["weights"]:
@@ -116,13 +115,14 @@ def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
 ) -> tuple[Results, TrainedRun]:
     """Return the results in the folder of a run, and their description of the run."""
-    folder = training_folder(job)
+    folder = job.options.run_folder(job.dataset)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
     results = Results.load(path)
-    made_by, named = results.run, (job.dataset.name, run_name(job).name, results.fingerprint)
+    named = job.dataset.name, job.options.run_name(job.dataset).name, results.fingerprint
+    made_by = results.run
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
         raise DatasetError(f"{path} belongs to another run: {anew}")
     if manifest.fingerprint != made_by.fingerprint:
@@ -290,7 +290,7 @@ def _limits(trained: Trained) -> list[str]:
     limits = [paragraph(f"policy_{name}") for name in names]
     receipt = trained.results.memorised
     if receipt is not None:
-        figures = {"excess": f"{receipt.excess:+.2f}", "most": f"{receipt.most:.1f}"}
+        figures = {"excess": f"{receipt.excess:+z.2f}", "most": f"{receipt.most:.1f}"}
         figures |= {"p": f"{receipt.p:.3f}", "drawn": f"{receipt.drawn:,}"}
         limits.append(paragraph("policy_memorised", **figures))
     return limits

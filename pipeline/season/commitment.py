@@ -25,7 +25,7 @@ from labyrinth_core.data.storage import read_json, temporaries
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.stage import Job
 from pipeline.generation import built
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.versions import build_versions
 from pipeline.season.files import private_folder, require_regular
 from pipeline.season.options import SeasonStageOptions
 

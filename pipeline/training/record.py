@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
-from pipeline.config.stage import CONFIG as OPTIONS
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
@@ -25,7 +25,7 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 
-OURS = (RECORD, WEIGHTS, CONFIG, CURVES, OPTIONS, f"{Path(RESULTS).stem}*.json")
+OURS = (RECORD, WEIGHTS, CONFIG, CURVES, Job.CONFIG, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 

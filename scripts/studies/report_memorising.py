@@ -169,8 +169,8 @@ def _points(group: Sequence[Kept]) -> str:
     if len(group) == 1:
         receipt = group[0]["receipt"]
         low, high = receipt["interval"]
-        return f"{receipt['excess']:+.2f} [{low:+.2f}, {high:+.2f}]"
-    return f"{np.mean([each['receipt']['excess'] for each in group]):+.2f}"
+        return f"{receipt['excess']:+z.2f} [{low:+z.2f}, {high:+z.2f}]"
+    return f"{np.mean([each['receipt']['excess'] for each in group]):+z.2f}"
 
 
 def _ranked(ranks: Sequence[float]) -> str:
@@ -189,9 +189,9 @@ def _row(name: str, group: Sequence[Kept]) -> list[str]:
         name,
         str(len(group)),
         _points(group),
-        f"{share:.1%}",
+        f"{share:z.1%}",
         _ranked([each["p"] for each in receipts]),
-        f"{way:+.2f}",
+        f"{way:+z.2f}",
         _ranked([each["own_way"]["p"] for each in receipts]),
         *(
             f"{np.mean([each['test'][figure] for each in group]):.0%}"

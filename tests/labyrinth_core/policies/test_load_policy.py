@@ -48,7 +48,7 @@ from labyrinth_core.policies.spec import (
 )
 from labyrinth_core.policies.weights import read_tensors
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 torch.set_num_threads(1)
 

@@ -19,7 +19,6 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
-from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
 
@@ -314,5 +313,5 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
-    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
-    assert shown["name"] == "bc-cnn-labyrinths3"
+    results = Results.load(run.training_folder / "results.json")
+    assert results.run.of_all_seeds == "bc-cnn-labyrinths3"

@@ -17,7 +17,9 @@ from support.publishing import local_hub, run_script
 
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
+from pipeline.generation import build
 from pipeline.machinery.artifact import HASHES
+from pipeline.season import judge
 from pipeline.season.commitment import Season, seed_of, without_seed
 
 __all__ = ["local_hub"]
@@ -230,3 +232,32 @@ def test_a_submission_on_the_hub_is_pinned_by_its_commit(local_hub, tmp_path):
     told = "| no: user/planner@main: model.safetensors differs from the named revision: it is"
     assert (said[2].count("| yes |"), said[2].count(told)) == (1, 1)
     assert said[2].endswith("1 of its claims cannot be confirmed")
+
+
+@pytest.mark.slow  # 3 s: a season, judged and verified.
+def test_a_judge_says_whether_a_submission_remembers_the_train_that_it_has_learnt_from(
+    tmp_path, make_run, monkeypatch
+):
+    monkeypatch.setattr(judge, "CONTROLS", 10)
+    perform = Performer(tmp_path, make_run)
+    perform("season")
+    for name, options in {"own": {}, "other": {"size": "4"}, "many": {"labyrinths": 100}}.items():
+        given = {"size": "3", "labyrinths": 16, "random_steps": 1} | options
+        build.run(make_run(tmp_path / name, stages=["build"], **given))
+
+    def judged_after(place, **options):
+        return perform("judge", learnt_from=str(tmp_path / place), **options)
+
+    assert "season.learnt_from: 4x4 is not 3x3" in judged_after("other/4x4")
+    assert "give at most 50%" in judged_after("many/3x3")
+    assert not perform.place.judged.exists()
+    said = judged_after("own/3x3")
+    assert "Does the policy follow its own train? test, 10 controls" in said
+    assert "e.g. in" not in said, "it would name a labyrinth of the test"
+    assert "is judged again, with the same bytes" in judged_after("own/3x3")
+    assert "with other results or another season.learnt_from" in perform("judge")
+    perform("reveal")
+    path = perform.place.public / "results" / "1.json"
+    receipt = Results.load(path).memorised
+    assert (receipt.train["seed"], receipt.train["labyrinths"], receipt.drawn) == (0, 16, 10)
+    assert "| yes |" in perform("verify")

@@ -16,17 +16,17 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import WEIGHTS, NetworkSpec
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Look
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look, State
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy

@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 from support.crashing import killed_before
 from support.making import Run
+from support.quick_python import python
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import file_sha256
@@ -171,5 +172,5 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
         "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
     )
     for backend in ("module://no_such.backend", "no_such"):
-        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
+        command, environment = [python(), "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)

@@ -16,12 +16,11 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.pictures import looks
 from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import check_training
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
@@ -219,7 +218,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
         train.run(run_of(tensorboard=True))
     monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
-        check_training(run_of().options)
+        run_of().options.check_training()
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
@@ -346,7 +345,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
     held, drawn = run_of("held", **seen), run_of("drawn", **seen)
     train.run(held)
-    monkeypatch.setattr(observations, "HELD_BYTES", 0)
+    monkeypatch.setattr(looks, "HELD_BYTES", 0)
     train.run(drawn)
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
