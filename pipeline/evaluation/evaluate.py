@@ -104,18 +104,12 @@ def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results
     splits: Sequence[str] | None = asked.splits or None
     if shown.run is not None:
         splits = (*EVALUATED_SPLITS, *shown.data.manifest.config.shifts)
-    results = shown.results(
+    return shown.results(
         splits,
         asked.episodes,
         trained_on=named.trained_on,
         follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
     )
-    if named.as_tried is None or results.run is None:
-        return results
-    tried = {split: named.as_tried(split) for split in results.splits}
-    rates = ", ".join(f"{split} {figures['sr']:.0%}" for split, figures in tried.items())
-    say(f"Evaluated as in the code of protocol={results.run.protocol}: {rates}")
-    return replace(results, run=replace(results.run, as_tried=tried))
 
 
 def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dict[str, bytes]:
