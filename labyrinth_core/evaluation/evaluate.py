@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
@@ -25,7 +25,8 @@ from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.world.labyrinth import Task, whole
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.rules import Task
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""

@@ -16,14 +16,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
+from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
@@ -42,8 +43,9 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.dynamics import Action, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
@@ -71,15 +73,15 @@ class Excess:
     """The excess, in percentage points of the states."""
     interval: tuple[float, float]
     """Its 95% interval over labyrinths."""
-    controls: tuple[float, float]
+    controls: tuple[float, Annotated[float, typed.Within(0)]]
     """The mean and the standard deviation of the excess over the controls, in points."""
-    p: float
+    p: typed.Share
     """The rank of the real train: (1 + controls with as much excess) / (1 + controls)."""
     most: float
     """The excess of a policy that follows its own train in every state, in points."""
-    states: int
+    states: typed.Count
     """The number of states."""
-    without_twin: int
+    without_twin: typed.Count
     """How many of them have no twin in train; they do not count."""
 
 
@@ -87,27 +89,27 @@ class Excess:
 class Copy:
     """A state in which a policy acts as its own train shows, and other trains do not."""
 
-    labyrinth: str
+    labyrinth: typed.LabyrinthId
     """The id of the labyrinth."""
-    agent: int
+    agent: typed.Count
     """The agent's cell, also in the twin."""
     has_key: bool
     """Whether the agent has the key, also in the twin."""
     door_open: bool
     """Whether the door is open, also in the twin."""
-    train_labyrinth: str
+    train_labyrinth: typed.LabyrinthId
     """The id of the twin's labyrinth in train."""
-    twins: int
+    twins: typed.Positive
     """The number of equally near twins, of which this is one."""
-    differences: int
+    differences: typed.Count
     """The number of entries in which the vectors of the two states differ."""
-    passages: tuple[tuple[int, int], ...]
+    passages: tuple[tuple[typed.Count, typed.Count], ...]
     """The passages that only one of the two labyrinths has, as pairs of cells."""
-    did: tuple[float, ...]
+    did: tuple[typed.Share, ...]
     """The share of each action that the policy takes in the state."""
-    shown: tuple[float, ...]
+    shown: tuple[typed.Share, ...]
     """The share of the twins that show each action."""
-    consensus: tuple[float, ...]
+    consensus: tuple[typed.Share, ...]
     """The mean of these shares over the controls."""
     optimal: tuple[bool, ...]
     """Whether each action begins a shortest route."""
@@ -120,13 +122,13 @@ class Receipt(Excess):
     A policy with memory has no action in a state by itself, so only its own way counts.
     """
 
-    split: str
-    train: Mapping[str, Any]
+    split: Annotated[str, typed.Like("|".join(SPLITS_WITHOUT_TRAIN))]
+    train: Mapping[typed.Word, Any]
     """The options that draw the training set: those of its dataset, with the number of labyrinths
     that the policy has learnt from."""
-    drawn: int
+    drawn: Annotated[int, typed.Within(*CONTROLS)]
     """The number of control training sets."""
-    shared: float
+    shared: typed.Share
     """The mean share of the labyrinths of train that a control has, too. The more they share, the
     less can be found; p stays valid."""
     own_way: Excess
@@ -431,7 +433,7 @@ def _copies(
         nearest = np.flatnonzero(differences[0] == differences[0].min())
         labyrinth = arrays.labyrinths[which]
         twin = own[int(demonstrated.labyrinth[candidates[nearest[0]]])]
-        place = state_at(labyrinth, int(arrays.state[state[0]]))
+        place = labyrinth.state_at(int(arrays.state[state[0]]))
         apart = {*labyrinth.structure.passages()} ^ {*twin.structure.passages()}
         did, shown, usual = (
             tuple(round(share, DECIMALS) for share in each.tolist())

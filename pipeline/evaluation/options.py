@@ -9,10 +9,10 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import DATASET_AND_CONFIG, check_options, option
-from pipeline.config.options import OverwriteOption
+from pipeline.config.option import DATASET_AND_CONFIG, option
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_observation, check_training
+from pipeline.config.training import TrainingOptions
 
 COMPARE = "stages=results", "compare it with others"
 """What to do after an evaluation, and why."""
@@ -70,7 +70,7 @@ class EvaluationOptions:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions(TrainingOptions, OverwriteOption):
+class EvaluateOptions(TrainingOptions, WorkOptions):
     """The policy that is evaluated: that of a training run, or any other."""
 
     policy: str = option(
@@ -111,7 +111,7 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         "evaluation.splits, since other splits depend on train",
     )
     if not options.policy:
-        check_training(options)
+        options.check_training()
         check_unnamed(options.evaluation)
         return
     check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
@@ -119,13 +119,11 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
-    check_observation(options.observation)
-    check_options(options.evaluation, EvaluationOptions, "evaluation.")
+    options.check_observation()
 
 
 def check_unnamed(evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option that only `policy` has is given without it."""
-    check_options(evaluation, EvaluationOptions, "evaluation.")
     for name in described_by(evaluation):
         check(
             False,

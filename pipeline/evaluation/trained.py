@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
@@ -11,15 +11,14 @@ from typing import Any, NamedTuple
 from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import POLICY, PolicySpec
+from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
 from pipeline.training.methods.method import find
@@ -50,7 +49,7 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
-        settings = about["settings"] | options.method
+        settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
         advice = ": leave the option out, or train with it first"
         require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
@@ -79,7 +78,11 @@ def show(job: Job[EvaluateOptions], folder: Path, data: Dataset) -> Shown:
 
 
 def _of_users_method(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, run: TrainedRun, values: dict[str, Any]
+    job: Job[EvaluateOptions],
+    folder: Path,
+    data: Dataset,
+    run: TrainedRun,
+    values: Mapping[str, Any],
 ) -> tuple[Evaluation, Callable[[str], dict[str, float]] | None]:
     """Return the policy of a user's method, which may have its own network, memory and rules.
 
@@ -95,9 +98,9 @@ def _of_users_method(
     if options.observation == "vector":
         PolicySpec(spec, average=False).require_fit(about.height, about.width, about.task)
     make = partial(method.make, settings=settings)
-    policy = read_policy(folder / POLICY, spec, choose_device(options), make)
+    policy = read_policy(folder / WEIGHTS, spec, choose_device(options), make)
     size = method.image_size(spec, settings, about.height, about.width)
-    resize = PROTOCOLS[options.protocol].resize
+    resize = options.resize
     shape = replace(spec, height=about.height, width=about.width)
     shown = Evaluation(
         data,

@@ -24,7 +24,7 @@ from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
 from labyrinth_core.data.storage import write_text
-from pipeline.config.export import CODEBASE_VERSION
+from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
@@ -167,7 +167,7 @@ def _info(split: Split) -> dict[str, Any]:
         name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _SCALARS.items()
     }
     return {
-        "codebase_version": CODEBASE_VERSION,
+        "codebase_version": ExportOptions.CODEBASE_VERSION,
         "robot_type": None,
         "total_episodes": split.count,
         "total_frames": split.rows,

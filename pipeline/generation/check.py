@@ -27,7 +27,7 @@ from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
 from labyrinth_core.language.collection import is_litter
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
     CheckJob,
@@ -50,8 +50,8 @@ from pipeline.generation.table import (
 from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.versions import build_versions
 
 PROBLEMS_SHOWN = 20
 
@@ -67,7 +67,7 @@ class ValidationError(DatasetError):
         super().__init__("\n  ".join(lines))
 
 
-def run(job: Job[WorkersOption]) -> None:
+def run(job: Job[WorkOptions]) -> None:
     """Validate the dataset in the folder of a run.
 
     Raises:

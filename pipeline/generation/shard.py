@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import solve
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
@@ -29,8 +29,9 @@ from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import Episode, State
+from labyrinth_core.world.dynamics import Episode
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import numbered_labyrinths
 from pipeline.generation.table import (
@@ -41,8 +42,8 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import new_file
+from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -199,7 +200,9 @@ def make_shard(job: ShardJob) -> Shard:
 
     def parts() -> Iterator[list[Row]]:
         for batch in _batches(job):
-            solutions = [solve(job.config, job.split, labyrinth) for _, labyrinth, _ in batch]
+            solutions = [
+                Drawing(job.config).solve(job.split, labyrinth) for _, labyrinth, _ in batch
+            ]
             for (number, labyrinth, parent), solution in zip(batch, solutions, strict=True):
                 info = dump(labyrinth)
                 yield from render(job.split, number, info, solution.episodes)

@@ -23,7 +23,7 @@ from labyrinth_core.data.manifest import TABLE, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, file_sha256
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import count_optimal
+from labyrinth_core.world.solver import Solver
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -99,7 +99,7 @@ class Content:
                 turns if demonstrated else NOTHING,
                 len(routes),
                 steps + len(routes),
-                steps if is_shortest else count_optimal(labyrinth, routes),
+                steps if is_shortest else Solver(labyrinth).count_optimal(routes),
                 *(structure.loops, structure.junctions, structure.dead_ends),
             )
         )

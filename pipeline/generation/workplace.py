@@ -23,8 +23,8 @@ from labyrinth_core.data.storage import (
 )
 from labyrinth_core.language.collection import is_litter
 from pipeline.machinery.artifact import HASHES, Sums, differences, named
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import Completion, completion, remove, within
+from pipeline.machinery.versions import build_versions
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)

@@ -7,8 +7,10 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import resources
 from itertools import chain
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import yaml
@@ -315,26 +317,10 @@ def licence_of(values: Mapping[str, Any]) -> str:
 
 
 def _text(manifests: list[Manifest]) -> str:
-    columns = "\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS)
-    splits = "\n".join(f"| `{split}` | {SPLITS[split].meaning} |" for split in splits_of(manifests))
-    return f"""
-# Labyrinth
-
-Grid labyrinths with optimal actions, which show whether an imitation learner generalises or
-memorises: no structure, and no mirror image of one that keeps start and goal, is in two of
-train, validation and test.
-
-```python
-from datasets import load_dataset
-
-dataset = load_dataset("path or id of this dataset", "{default_config(manifests)}")
-```
-
-| column | meaning |
-|---|---|
-{columns}
-
-| split | holds |
-|---|---|
-{splits}
-"""
+    """Return the card that a build writes, in brief; the stage `card` writes all of it."""
+    brief = resources.files(__package__).joinpath("card_in_brief.md").read_text(encoding="utf-8")
+    return Template(brief).substitute(
+        default=default_config(manifests),
+        columns="\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS),
+        splits="\n".join(f"| `{s}` | {SPLITS[s].meaning} |" for s in splits_of(manifests)),
+    )

@@ -22,9 +22,9 @@ from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
+from pipeline.machinery.versions import build_versions
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 

@@ -10,11 +10,12 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from math import log, sqrt
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
@@ -25,8 +26,6 @@ from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
 from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.results_form import JUDGEMENT
-from labyrinth_core.evaluation.schema import SHARE, Each, Exactly, Text, check_shape
 from labyrinth_core.evaluation.twins import train_set
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -38,13 +37,7 @@ from pipeline.season.files import require_regular
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
-_ROW = Exactly(
-    {
-        **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
-        "figures": {"test": {"spl": SHARE, "sr": SHARE}},
-        "results_sha256": Text(r"[0-9a-f]{64}"),
-    }
-)
+_SIGNED = ("submission", "commit", "files", "versions")
 _DECIMALS = 2
 """The decimals of published figures: too few to learn about single labyrinths by resubmitting."""
 
@@ -52,7 +45,28 @@ CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
 
 Row = dict[str, Any]
-"""The published entry of a judged submission, of the shape `_ROW`."""
+"""The published entry of a judged submission, with the fields of `_Row`."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    submission: typed.Address
+    commit: typed.Commit | None
+    files: Mapping[typed.Word, typed.Sha256]
+    versions: Mapping[typed.Word, typed.Version]
+    figures: Mapping[typed.SplitName, _Figures]
+    results_sha256: typed.Sha256
+
+
+class _Figures(TypedDict):
+    spl: typed.Share
+    sr: typed.Share
+
+
+@dataclass(frozen=True)
+class _List:
+    season: str
+    judged: list[Any]
 
 
 class Judged(NamedTuple):
@@ -115,7 +129,7 @@ def run(job: Job[SeasonStageOptions]) -> None:
 
 def check_name(named: object) -> None:
     """Raise ValueError if a submission may not have this name, such as that of a baseline."""
-    check_shape(named, Text(SUBMISSION), "the submission")
+    typed.read_as(Annotated[str, typed.Like(SUBMISSION)], named, "the submission")
     for name in (str(named), str(named).partition("@")[0]):
         Description(name)
 
@@ -222,7 +236,7 @@ def _receipt(asked: Evaluation, train: DatasetConfig) -> Receipt:
 
 def _row(results: Results, content: bytes) -> Row:
     """Return the entry of judged results, which are in a file with this content."""
-    row = {name: value for name, value in asdict(results)["judged"].items() if name in _ROW.of}
+    row = {name: value for name, value in asdict(results)["judged"].items() if name in _SIGNED}
     row["figures"] = {
         split: {"spl": round(scores.spl, _DECIMALS), "sr": round(scores.sr, _DECIMALS)}
         for split, scores in results.splits.items()
@@ -286,21 +300,23 @@ def read_list(place: Place, season: Season) -> list[Any]:
     """Return the entries of the public list as they are; raise a DatasetError without a list."""
     try:
         require_regular(place.judged, MOST_BYTES)
-        content = read_json(place.judged)
-        check_shape(content, Exactly({"season": season.name, "judged": Each(None)}))
+        found: _List = typed.read_as(_List, read_json(place.judged))
+        if found.season != season.name:
+            raise ValueError(f"it.season is {found.season!r:.60}, not {season.name!r}")
     except FileNotFoundError:
         return []
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error
-    entries: list[Any] = content["judged"]
-    return entries
+    return found.judged
 
 
 def check_row(row: Any) -> None:
     """Raise ValueError if an entry of the list is not that of a judged submission."""
-    check_shape(row, _ROW)
+    typed.read_as(_Row, row)
+    if "test" not in row["figures"]:
+        raise ValueError("it.figures has no test")
     check_name(row["submission"])
 
 

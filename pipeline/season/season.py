@@ -9,7 +9,7 @@ from pathlib import Path
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import naming, temporaries, temporary_beside, write_text
 from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
@@ -82,8 +82,7 @@ def _make(job: Job[SeasonStageOptions], place: Place, folder: Path, kept: Path) 
     with dataset(job.options.workers, replace(job.dataset, seed=seed)) as data:
         season = Season.of(place.public.name, job.options.season.date, secret, data.manifest)
     write_text(folder / place.season.name, season.to_text())
-    if job.composed:
-        write_text(folder / CONFIG, job.composed)
+    job.write_config(folder)
 
 
 def _keep(path: Path, named: Path, secret: bytes) -> None:

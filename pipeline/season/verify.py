@@ -13,8 +13,8 @@ from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
+from pipeline.machinery.versions import build_versions
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.files import has_sha256
 from pipeline.season.judge import Row, check_row, judged, read_list, shown

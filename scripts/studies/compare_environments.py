@@ -33,7 +33,7 @@ from environments.variation_report import write_report
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.storage import file_sha256
 from labyrinth_core.version import __version__
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.machinery.executor import ordered_map
 
 CHUNK = 100

@@ -12,7 +12,7 @@ import pytest
 from support.composing import composed
 from support.policies import RELEASED
 
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
 
 pytestmark = pytest.mark.slow
 
@@ -30,12 +30,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         ((), "pipeline.questions.check:routes_of"),
     ],
-    "analyse": [((), "pipeline.inspection.counts:table_and_distances")],
+    "analyse": [((), "pipeline.inspection.counts:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
     "card": [((), "pipeline.inspection.statistics:_pair")],
     "report": [
         ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:table_and_distances"),
+        ((), "pipeline.inspection.counts:Solver"),
     ],
     "publish": [
         (

@@ -15,13 +15,13 @@ from support.making import Run
 
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.policies.networks.acting import outputs_of
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.solver import moves_of, simple_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.record import CHECKPOINT, RECORD
 from scripts.studies.methods.authors import bco, iupe, sqil
@@ -151,7 +151,7 @@ def test_the_solvers_first_route_in_depth_joins_and_need_not_be_shortest(
     states, labels = learner.states[before:], learner.labels[before:]
     begins = np.flatnonzero(np.isin(states, arrays.initial))
     assert len(begins) == 3
-    routes = [simple_routes(each, limit=1)[0] for each in arrays.labyrinths]
+    routes = [Solver(each).simple_routes(limit=1)[0] for each in arrays.labyrinths]
     for part, routed in zip(
         np.split(states, begins[1:]), np.split(labels, begins[1:]), strict=True
     ):
@@ -159,7 +159,7 @@ def test_the_solvers_first_route_in_depth_joins_and_need_not_be_shortest(
         assert arrays.goal[arrays.next_state[part[-1], routed[-1]]]
         assert np.array_equal(arrays.next_state[part[:-1], routed[:-1]], part[1:])
     without_walls = Labyrinth(Structure.without_walls(3, 3), 0, 2)
-    assert len(simple_routes(without_walls, limit=1)[0]) > moves_of(without_walls)
+    assert len(Solver(without_walls).simple_routes(limit=1)[0]) > Solver(without_walls).moves
 
 
 # GAIL.

@@ -26,7 +26,7 @@ from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
@@ -49,6 +49,24 @@ def content_of(folder: Path) -> dict[str, bytes]:
 def cut_short(path: Path) -> None:
     """Remove the last byte of a file."""
     path.write_bytes(path.read_bytes()[:-1])
+
+
+def linked(folder: Path, store: Path) -> dict[str, bytes]:
+    """Put the files of a folder into a store, a link in the place of each; return the store's."""
+    for path in [each for each in folder.rglob("*") if each.is_file()]:
+        place = store / path.relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(place)
+        path.symlink_to(place)
+    return content_of(store)
+
+
+def folder_behind_link(link: Path, tmp_path: Path) -> Path:
+    """Make a link to a new empty folder elsewhere; return that folder."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    return elsewhere
 
 
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
@@ -186,7 +204,7 @@ def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyri
         first = [row for row in rows if row["info"] == rows[0]["info"]]
         number = int(first[0]["obs"]["path"].split("-")[1])
         labyrinth = change(parse(first[0]["info"]))
-        route = shortest_routes(labyrinth)[0]
+        route = Solver(labyrinth).shortest_routes()[0]
         rows[: len(first)] = episode_rows(split, number, labyrinth, route)
 
 

@@ -30,7 +30,7 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]
 

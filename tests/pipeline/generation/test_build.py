@@ -29,13 +29,13 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.data.storage import temporary_beside
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace
 from pipeline.generation.check import validate
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.versions import build_versions
 
 Build = Callable[..., Run]
 

@@ -21,9 +21,11 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
@@ -261,13 +263,15 @@ def with_the_route_as_good(_: Labyrinth, folder: Path) -> Labyrinth:
     opened = (
         replace(its, structure=toggled(its.structure, *wall)) for wall in walls(its.structure)
     )
-    return next(twin for twin in opened if parent.actions in shortest_routes(twin))
+    return next(twin for twin in opened if parent.actions in Solver(twin).shortest_routes())
 
 
 def with_a_known_route(_: Labyrinth, folder: Path) -> Labyrinth:
     routes = [each.actions for each in shown(folder, "train")]
     candidates = (parse(each.text) for each in shown(folder, "test"))
-    return next(its for its in candidates if any(route in shortest_routes(its) for route in routes))
+    return next(
+        its for its in candidates if any(route in Solver(its).shortest_routes() for route in routes)
+    )
 
 
 MOVED = ("g", "test_s0", "test_g", "test_s0_and_g")

@@ -87,7 +87,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         (
             "judge",
             {"submission": f"{RELEASED}@{'0' * 64}"},
-            "policy.safetensors differs from the named revision: it is ",
+            "model.safetensors differs from the named revision: it is ",
         ),
         ("judge", {"folder": "broken"}, "2026-a.secret holds no secret"),
         ("judge", {"folder": "others"}, "2026-a.secret holds another secret than the season com"),
@@ -107,7 +107,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         assert place.private.stat().st_mode & 0o777 == 0o700
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
-    names = ["1.json", "judged.json", "policy.safetensors", "run.json", "season.json"]
+    names = ["1.json", "judged.json", "model.safetensors", "run.json", "season.json"]
     assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
@@ -129,7 +129,7 @@ def test_the_files_of_a_judgement_that_was_interrupted_are_not_published(
     (kept / "model.onnx").write_bytes(b"of another person, whose judgement was killed")
     perform("reveal")
     names = [path.name for path in (perform.place.public / "submissions" / "1").iterdir()]
-    assert sorted(names) == ["policy.safetensors", "run.json"]
+    assert sorted(names) == ["model.safetensors", "run.json"]
 
 
 @pytest.mark.slow
@@ -165,7 +165,7 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     assert "no: its entry has no version of labyrinth-datasets, numpy, torch" in revealed.printed
 
-    weights = public / "submissions" / "1" / "policy.safetensors"
+    weights = public / "submissions" / "1" / "model.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"!")
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     season_file = public / "season.json"

@@ -1,7 +1,7 @@
 """Command lines and what they answer: exit status and output, as `command_lines.txt` holds them.
 
 Of the configuration that `--cfg job` prints, the file has the lines that differ from the defaults.
-`PYTHONPATH=.:tests python tests/pipeline/test_command_lines.py` writes the file again;
+`PYTHONPATH=.:tests python tests/pipeline/command/test_command_lines.py` writes the file again;
 `git diff` then shows what changed for a user.
 """
 
