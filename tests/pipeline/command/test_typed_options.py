@@ -6,6 +6,7 @@ A name that does not exist is answered with its likely name.
 from __future__ import annotations
 
 import shlex
+from dataclasses import replace
 from typing import Any, get_origin
 
 import pytest
@@ -20,7 +21,6 @@ from pipeline.command.command_line import arranged, parsed, refusal
 from pipeline.command.composed import DEFAULTS, KINDS, unused
 from pipeline.command.texts import quote_texts
 from pipeline.config.errors import ConfigError
-from pipeline.release.options import PublishOptions
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
@@ -214,11 +214,16 @@ def test_settings_are_compared_with_those_of_a_run_only_if_they_are_chosen() -> 
         ("method.epochs", ["report"], {}, ("publish", "train", "evaluate")),
         ("publish.version", ["build", "card"], {}, ("publish",)),
         ("method", ["publish"], {}, ("publish with publish.model", "train", "evaluate")),
-        ("method", ["publish"], {"publish": PublishOptions(model="a/b")}, None),
+        ("method", ["publish"], {"publish": replace(RunConfig().publish, model="a/b")}, None),
         ("method", ["publish", "train"], {}, None),
         ("export.format", ["publish"], {}, ("publish with publish.export", "export")),
-        ("export.format", ["publish"], {"publish": PublishOptions(export="a/b")}, None),
-        ("revision", ["publish"], {"publish": PublishOptions(env="a/b")}, None),
+        (
+            "export.format",
+            ["publish"],
+            {"publish": replace(RunConfig().publish, export="a/b")},
+            None,
+        ),
+        ("revision", ["publish"], {"publish": replace(RunConfig().publish, env="a/b")}, None),
         (
             "encoder",
             ["evaluate"],
