@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import AnyPath, RemotePath, write_text
+from labyrinth_core.data.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Job(Generic[Options]):
     def write_config(self, folder: Path) -> None:
         """Write the options of the command line, if there is one, beside what they made."""
         if self.composed:
-            write_text(folder / self.CONFIG, self.composed)
+            File(folder / self.CONFIG).write_text(self.composed)
 
 
 def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:
