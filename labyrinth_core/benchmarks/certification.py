@@ -318,9 +318,9 @@ def _look_at_chunk(protocol: Protocol, compared: frozenset[int], seeds: tuple[in
     stage, ranges = Stage(protocol), Ranges()
     again = None
     with contextlib.redirect_stdout(io.StringIO()):
-        seen = [look(protocol, stage, seed, ranges if seed in compared else None) for seed in seeds]
+        seen = [*look(protocol, stage, seeds, ranges, compared)]
         fine = next((each for each in seen if not each.error), None)
         if fine is not None and len(seeds) > 1:
-            again = fine, look(protocol, stage, fine.seed)
+            again = fine, *look(protocol, stage, [fine.seed])
     stage.close()
     return _Chunk(seen, again, ranges.first, ranges.low, ranges.high)

@@ -30,9 +30,4 @@ def called(function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     except (CertifyError, EnvironmentFailure):
         raise
     except FAILURES as error:
-        raise failure(error) from error
-
-
-def failure(error: BaseException) -> EnvironmentFailure:
-    """Return an error of an environment as its failure."""
-    return EnvironmentFailure(f"{type(error).__name__}: {one_line(error):.200}")
+        raise EnvironmentFailure(f"{type(error).__name__}: {one_line(error):.200}") from error

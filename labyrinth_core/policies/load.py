@@ -1,23 +1,22 @@
 """`load_policy` loads a policy for `evaluate` from a folder or the Hub.
 
-It reads two files of data: `config.json` or, for a run, `run.json`, in which every value is
-checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded, and
-no code is executed.
+It reads two files of data: `config.json`, in which every value is checked, and weights in the
+safetensors format, which holds no code; in the folder of a run also its record. Nothing else is
+downloaded, and no code is executed.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
     **PUBLISHED,
     RECORD: 1 << 26,
-    POLICY: 1 << 28,
     GRAPH: 1 << 28,
     SUMS: 1 << 20,
 }
@@ -66,8 +64,7 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
     folder = located(source, revision)
-    if (folder / RECORD).exists() and not (folder / CONFIG).exists():
-        return _with_weights(_read_spec_of_run(folder), folder / POLICY)
+    read_run(folder)  # Compares the weights with the record, if there is one.
     return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
 
 
@@ -110,7 +107,7 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
     """Raise DatasetError if a file of a policy has another hash than in the folder's list."""
     for name in names:
         path, hashes = folder / name, listed(folder / SUMS, name)
-        if hashes and path.exists() and file_sha256(path) not in hashes:
+        if hashes and path.exists() and File(path).sha256() not in hashes:
             again = "download it again" if name in PUBLISHED else "train it again"
             raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
 
@@ -124,26 +121,12 @@ def check_size(place: object, name: str, size: int) -> None:
 def _read_spec(path: Path) -> PolicySpec:
     try:
         check_size(path, CONFIG, path.stat().st_size)
-        return PolicySpec.from_json(read_json(path))
+        return PolicySpec.from_json(File(path).read_json())
     except FileNotFoundError as error:
         reason = f"the folder holds neither a published policy nor a run ({RECORD})"
         raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
-
-
-def _read_spec_of_run(folder: Path) -> PolicySpec:
-    """Return the specification of a run's policy; the file of weights names the network's shape."""
-    record = folder / RECORD
-    check_size(record, RECORD, record.stat().st_size)
-    content = read_run(folder)
-    assert content is not None  # The caller has found the file.
-    _, texts = _read_weights(folder / POLICY)
-    try:
-        network = json.loads(texts.get("network", "null"))
-        return PolicySpec.from_json(PolicySpec.of_run(network, content["run"]).to_json())
-    except _UNREADABLE as error:
-        raise DatasetError(f"{record} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:

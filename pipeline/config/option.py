@@ -18,6 +18,11 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 Options = TypeVar("Options")
 
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
+DATASET_AND_CONFIG = (
+    r"(.*[^/]/\d+x\d+(-\w+)?/?)?",
+    "a dataset and its config, such as data/other/4x6",
+)
+"""Patterns of values, and what they allow in words."""
 
 
 def option(
@@ -58,7 +63,8 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        check(name in kinds, no_option(group + name, (group + each for each in kinds)))
+        if name not in kinds:
+            raise ConfigError(no_option(group + name, (group + each for each in kinds)))
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 

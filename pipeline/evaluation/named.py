@@ -42,8 +42,6 @@ class Named:
     """Identifies the run or the policy that the folder of the results belongs to."""
     trained_on: Callable[[], Dataset] | None = None
     """Returns the dataset that the run learnt from; None for policies that no run trained."""
-    as_tried: Callable[[str], dict[str, float]] | None = None
-    """Returns the figures of a split by the rules of the run's protocol, if it has its own."""
 
     @property
     def instead(self) -> str:
@@ -129,12 +127,12 @@ def _of_run(
     """Return the policy of a run, with the place of its results in the folder of the run."""
     from pipeline.evaluation.trained import show
 
-    shown, key, as_tried = show(job, folder, data)
+    shown, key = show(job, folder, data)
     run, path = shown.run, folder / RESULTS
     assert run is not None  # The results are those of the run.
     if run.fingerprint != data.fingerprint:
         path = path.with_stem(f"{path.stem}-{data.config}-{data.fingerprint:.8}")
-    return Named(Description(run.name), shown, path, key, trained_on, as_tried)
+    return Named(Description(run.name), shown, path, key, trained_on)
 
 
 def opened(name: str) -> Any:

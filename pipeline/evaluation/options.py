@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import option
+from pipeline.config.option import DATASET_AND_CONFIG, option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
@@ -87,7 +88,7 @@ class EvaluateOptions(TrainingOptions, WorkOptions):
         "",
         "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
         "user/name/4x6 on the Hub",
-        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
+        like=DATASET_AND_CONFIG,
     )
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
@@ -142,6 +143,12 @@ def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, .
     return () if job.options.evaluate_on else COMPARE
 
 
+def _idle(options: Any) -> dict[str, str]:
+    """Return the options that name a training run, if another policy is evaluated."""
+    of_run = ("method", "encoder", "protocol", "train_labyrinths") if options.policy else ()
+    return dict.fromkeys(of_run, "without policy")
+
+
 STAGES = {
     "evaluate": Stage(
         "pipeline.evaluation.evaluate",
@@ -149,5 +156,6 @@ STAGES = {
         _check,
         headings={"Evaluation, by stages=evaluate": EvaluateOptions},
         next_step=_next_step,
+        idle=_idle,
     )
 }

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.errors import check
-from pipeline.config.option import option
+from pipeline.config.option import DATASET_AND_CONFIG, option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 
@@ -40,6 +40,12 @@ class SeasonOptions:
             "an id on the Hub such as user/model@1.0.0, a folder, or a file such as model.onnx, "
             "spelt with A to Z, a to z, 0 to 9 and ._+=- between single slashes, without . and ..",
         ),
+    )
+    learnt_from: str = option(
+        "",
+        "dataset that the submission has learnt from, such as data/labyrinth/5x5, or "
+        "user/labyrinth/5x5 on the Hub: the judge asks whether it remembers its train",
+        like=DATASET_AND_CONFIG,
     )
 
 

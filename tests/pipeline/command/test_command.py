@@ -258,7 +258,7 @@ def test_what_was_made_lies_beside_the_options_that_make_it_again(
         assert (done.returncode, done.stderr) == (0, "")
         repeated = content_of(again)
         assert repeated.keys() == made.keys()
-        for name in (f"{of_run}/{Job.CONFIG}", f"{of_run}/policy.safetensors"):
+        for name in (f"{of_run}/{Job.CONFIG}", f"{of_run}/model.safetensors"):
             assert repeated[name] == made[name]
         shutil.rmtree(again)
 

@@ -71,7 +71,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     results = Results.load(folder / "results.json", lambda _: known)
     results.require_dataset(known)
     assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
-    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == success_rate(policy, arrays)
@@ -122,7 +122,7 @@ def test_a_run_whose_dataset_has_moved_is_the_same_run(trained, run_of, tmp_path
     stage.run(run)
     train.run(run)
     assert "is complete already" in capsys.readouterr().out
-    (run.training_folder / "policy.safetensors").unlink()
+    (run.training_folder / "model.safetensors").unlink()
     train.run(run)
     stage.run(run)
 
@@ -181,11 +181,11 @@ def test_a_home_folder_is_named_in_files_as_it_was_typed(trained, run_of, tmp_pa
 def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_path):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(trained.data_dir, tmp_path / "runs")
-    path = run.training_folder / "policy.safetensors"
+    path = run.training_folder / "model.safetensors"
     weights = bytearray(path.read_bytes())
     weights[-1] ^= 1
     path.write_bytes(weights)
-    damaged = "policy.safetensors is damaged: its sha256 is not the one in run.json"
+    damaged = "model.safetensors is damaged: its sha256 is not the one in run.json"
     with pytest.raises(DatasetError, match=damaged):
         stage.run(run)
     with pytest.raises(DatasetError, match=damaged):
@@ -225,7 +225,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     stage.run(trained)
     folder = trained.training_folder
     before = (folder / "results.json").read_bytes()
-    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.

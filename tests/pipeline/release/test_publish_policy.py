@@ -88,9 +88,9 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
     options = (*of_run(trained), f"publish.model={MODEL}")
     printed = published(local_hub, data_dir, "1.0.0", *options, verify=True)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
-    assert "4 files are those published, and the policy loads." in printed
+    assert "5 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
-        *("README.md", "SHA256SUMS", "config.json", "model.safetensors")
+        *("README.md", "SHA256SUMS", "config.json", "model.safetensors", "run.json")
     }
     for repo, kind in ((REPO, "dataset"), (MODEL, "model")):
         refs = local_hub.refs(repo, kind)
@@ -316,9 +316,9 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     copied: Run, manifest: Manifest, staged: Path
 ) -> None:
     folder = copied.training_folder
-    results, weights = folder / "results.json", folder / "policy.safetensors"
+    results, weights = folder / "results.json", folder / "model.safetensors"
     weights.write_bytes(b"others")
-    told = f"{results} is for other weights than policy.safetensors: stages=evaluate"
+    told = f"{results} is for other weights than model.safetensors: stages=evaluate"
     assert refused(copied, manifest, staged).startswith(told)
     change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
     assert refused(copied, manifest, staged).startswith(f"{weights} is damaged: ")

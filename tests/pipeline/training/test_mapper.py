@@ -26,7 +26,7 @@ from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
+from labyrinth_core.policies.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver
@@ -68,7 +68,7 @@ def folder(
 @pytest.fixture(scope="module")
 def trained(folder: Path) -> Mapper:
     make = partial(mapper.Method.make, settings=settings_of("mapper"))
-    policy = read_policy(folder / POLICY, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
+    policy = read_policy(folder / WEIGHTS, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
     assert isinstance(policy.network, Mapper)
     return policy.network.eval()
 
