@@ -215,6 +215,11 @@ def test_a_policy_is_never_an_older_release_in_silence(
     with monkeypatch.context() as offline:
         offline.setattr(constants, "HF_HUB_OFFLINE", True)
         assert files_of(MODEL) == found
+        blob = found.paths["model.onnx"].resolve()
+        blob.write_bytes(b"odd")
+        with pytest.raises(DatasetError, match="is damaged: its content has not the hash that"):
+            files_of(MODEL)
+        blob.write_bytes(b"old")
     assert files_of(MODEL).paths["model.onnx"].read_bytes() == b"new"
     assert files_of(f"{MODEL}@{found.commit}") == found
     (tmp_path / MODEL).mkdir(parents=True)
