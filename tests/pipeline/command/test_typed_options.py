@@ -6,7 +6,7 @@ A name that does not exist is answered with its likely name.
 from __future__ import annotations
 
 import shlex
-from typing import Any, get_origin
+from typing import get_origin
 
 import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -17,10 +17,9 @@ from support.composing import composed
 from support.making import RunConfig
 
 from pipeline.command.command_line import arranged, parsed, refusal
-from pipeline.command.composed import DEFAULTS, KINDS, unused
+from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.texts import quote_texts
 from pipeline.config.errors import ConfigError
-from pipeline.release.options import PublishOptions
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
@@ -205,37 +204,6 @@ def test_a_method_without_a_class_is_told_what_to_give(given: str) -> None:
 def test_settings_are_compared_with_those_of_a_run_only_if_they_are_chosen() -> None:
     assert composed("method=planner").options.method == {"name": "planner"}
     assert composed("method=planner", "method.epochs=30").options.method["epochs"] == 30
-
-
-@pytest.mark.parametrize(
-    ("name", "stages", "others", "users"),
-    [
-        ("method", ["build"], {}, ("publish", "train", "evaluate")),
-        ("method.epochs", ["report"], {}, ("publish", "train", "evaluate")),
-        ("publish.version", ["build", "card"], {}, ("publish",)),
-        ("method", ["publish"], {}, ("publish with publish.model", "train", "evaluate")),
-        ("method", ["publish"], {"publish": PublishOptions(model="a/b")}, None),
-        ("method", ["publish", "train"], {}, None),
-        ("export.format", ["publish"], {}, ("publish with publish.export", "export")),
-        ("export.format", ["publish"], {"publish": PublishOptions(export="a/b")}, None),
-        ("revision", ["publish"], {"publish": PublishOptions(env="a/b")}, None),
-        (
-            "encoder",
-            ["evaluate"],
-            {"policy": "a:b"},
-            ("publish", "train", "evaluate without policy"),
-        ),
-        ("device", ["evaluate"], {"policy": "a:b"}, None),
-        ("policy", ["evaluate"], {}, None),
-        ("policy", ["results"], {}, ("evaluate",)),
-        ("size", ["results"], {}, None),
-    ],
-)
-def test_an_option_that_no_requested_stage_uses_is_told(
-    name: str, stages: list[str], others: dict[str, Any], users: tuple[str, ...] | None
-) -> None:
-    options = RunConfig(stages=stages, **others)
-    assert unused([name], options) == ({name: users} if users else {})
 
 
 def test_the_defaults_that_are_documented_are_those_of_the_options() -> None:
