@@ -247,7 +247,7 @@ def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
         (
             ("splits", "test", "known_route"),
             "010101",
-            "is refused: test: known_route[2] is 0, but 1 in",
+            "is refused: test: known_route[2] is 0, ",
         ),
         (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
         (("baselines", "oracle"), None, "is refused: train: the figures of the baseline oracle "),
