@@ -116,7 +116,6 @@ HOMES = {
     "fsspec": ("labyrinth_core.data",),
     "huggingface_hub": (
         "labyrinth_core.data",
-        "labyrinth_core.policies",
         "pipeline.release",
     ),
     "PIL": (
