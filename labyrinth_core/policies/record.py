@@ -87,15 +87,8 @@ def read_run(folder: Path) -> Record | None:
     return content
 
 
-def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
-    """Return the training run in a folder, as results describe it; its policy runs on `device`.
-
-    Raises:
-        DatasetError: The folder holds no finished run, or one of its files is damaged.
-    """
-    record = read_run(folder)
-    if record is None:
-        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+def trained_run(record: Record, device: str = "cpu") -> TrainedRun:
+    """Return a training run as results describe it; its policy runs on `device`."""
     made: Mapping[str, Any] = record["run"]
     shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
     return TrainedRun(
