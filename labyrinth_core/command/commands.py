@@ -13,7 +13,7 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.data.storage import named_file, write_bytes
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
@@ -90,9 +90,9 @@ def _show(options: Namespace) -> int:
         status = 1
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
-        write_bytes(named_file(options.png), _picture(labyrinth, cells))
+        File(LocalFile(options.png).target()).write_bytes(_picture(labyrinth, cells))
     if options.gif is not None:
-        write_bytes(named_file(options.gif), _moving_picture(labyrinth))
+        File(LocalFile(options.gif).target()).write_bytes(_moving_picture(labyrinth))
     if options.png is options.gif is None:
         drawing = draw_text(labyrinth, route=cells)
         if _in_colour():

@@ -15,7 +15,7 @@ import numpy as np
 
 from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import named_file, read_json, write_text
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
@@ -163,7 +163,7 @@ class Results:
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(named_file(place), text)
+        File(LocalFile(place).target()).write_text(text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
@@ -194,7 +194,7 @@ class Results:
                 raise ValueError("it is not a file")
             if place.stat().st_size > LARGEST:
                 raise ValueError(f"it has more than {LARGEST:,} bytes")
-            return cls.from_json(read_json(place), datasets)
+            return cls.from_json(File(place).read_json(), datasets)
         except (OSError, ValueError, RecursionError) as error:
             raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
 

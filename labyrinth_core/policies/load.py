@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
@@ -110,7 +110,7 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
     """Raise DatasetError if a file of a policy has another hash than in the folder's list."""
     for name in names:
         path, hashes = folder / name, listed(folder / SUMS, name)
-        if hashes and path.exists() and file_sha256(path) not in hashes:
+        if hashes and path.exists() and File(path).sha256() not in hashes:
             again = "download it again" if name in PUBLISHED else "train it again"
             raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
 
@@ -124,7 +124,7 @@ def check_size(place: object, name: str, size: int) -> None:
 def _read_spec(path: Path) -> PolicySpec:
     try:
         check_size(path, CONFIG, path.stat().st_size)
-        return PolicySpec.from_json(read_json(path))
+        return PolicySpec.from_json(File(path).read_json())
     except FileNotFoundError as error:
         reason = f"the folder holds neither a published policy nor a run ({RECORD})"
         raise DatasetError(f"{path} does not exist: {reason}") from error

@@ -17,7 +17,7 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
@@ -52,7 +52,7 @@ class PolicyFiles:
         for name, path in self.paths.items():
             try:
                 check_size(path, name, path.stat().st_size)
-                hashes[name] = file_sha256(path)
+                hashes[name] = File(path).sha256()
             except OSError as error:
                 raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         return Origin(source=self.source, commit=self.commit, files=hashes)
@@ -148,7 +148,7 @@ def files_of(
         raise PolicyNameError(f"{told}: @ and the SHA-256 of its weights pin it")
     files = PolicyFiles(name, None, _in_folder(place))
     weights, path = next(iter(files.paths.items()))
-    if revision is not None and (found := file_sha256(path)) != revision:
+    if revision is not None and (found := File(path).sha256()) != revision:
         raise DatasetError(
             f"{name}: {weights} differs from the named revision: it is {found:.16}, "
             f"not {revision:.16}"

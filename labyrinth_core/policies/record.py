@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import Epoch, TrainedRun, Training, TrainLabyrinths
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
@@ -62,10 +62,10 @@ def read_run(folder: Path) -> Record | None:
     again = "stages=train overwrite=true makes it again"
     try:
         expected = listed(folder / SUMS, RECORD)
-        if expected and file_sha256(path) not in expected:
+        if expected and File(path).sha256() not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
-        content: Record = typed.read_as(Record, read_json(path))
+        content: Record = typed.read_as(Record, File(path).read_json())
         rows, selected = content["history"], content["selected"]
         if len(rows) != content["epochs"] or selected not in rows:
             told = f"{len(rows)} in its history, of which epoch {selected['epoch']} is selected"
@@ -77,7 +77,7 @@ def read_run(folder: Path) -> Record | None:
     for name in (WEIGHTS, CONFIG):
         if name in content["files"] or name == WEIGHTS:
             try:
-                found = file_sha256(folder / name)
+                found = File(folder / name).sha256()
             except FileNotFoundError as error:
                 told = f"{folder / name} does not exist: stages=train makes it"
                 raise DatasetError(told) from error

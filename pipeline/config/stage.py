@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import AnyPath, RemotePath, write_text
+from labyrinth_core.data.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
 if TYPE_CHECKING:
@@ -96,7 +96,7 @@ class Job(Generic[Options]):
     def write_config(self, folder: Path) -> None:
         """Write the options of the command line, if there is one, beside what they made."""
         if self.composed:
-            write_text(folder / self.CONFIG, self.composed)
+            File(folder / self.CONFIG).write_text(self.composed)
 
 
 def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:
@@ -122,5 +122,8 @@ class Stage:
     next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = _no_step
     """Returns what to suggest if the stage ran last, given all stages: the options of the next
     command and its purpose; or a line as it is; or nothing."""
+    idle: Callable[[Any], Mapping[str, str]] = lambda _options: {}
+    """Returns the options that the stage does not use beside the given ones, each with what it is
+    used with, such as `with publish.model`."""
     runs_alone: Callable[[Any], bool] = lambda _options: False
     """Returns whether no later stage can run after one with these options."""

@@ -15,7 +15,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import receipt_of, train_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
@@ -82,13 +81,8 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
-        receipt = receipt_of(
-            shown.player,
-            shown.load(split),
-            train_of(shown.data, split, learnt),
-            split=split,
-            controls=asked.memorised or 0,
-            episodes=asked.episodes,
+        receipt = shown.receipt(
+            split, asked.memorised or 0, train_labyrinths=learnt, episodes=asked.episodes
         )
     except (DatasetError, PolicyError):
         raise

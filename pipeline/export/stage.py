@@ -10,7 +10,7 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
@@ -55,7 +55,9 @@ def _export(
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
-                write_text(made / ExportOptions.RECORD, json.dumps(split.record(), indent=2) + "\n")
+                File(made / ExportOptions.RECORD).write_text(
+                    json.dumps(split.record(), indent=2) + "\n"
+                )
                 job.write_config(made)
     except DatasetError:
         raise

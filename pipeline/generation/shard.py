@@ -25,7 +25,7 @@ from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
@@ -155,7 +155,7 @@ class Sidecar(NamedTuple):
     def write(self, job: ShardJob) -> None:
         """Write the file that marks the shard as finished."""
         line = json.dumps({"mark": self.mark, "shard": asdict(self.shard)})
-        write_bytes(job.sidecar, f"{line}\n".encode() + self.facts.tobytes())
+        File(job.sidecar).write_bytes(f"{line}\n".encode() + self.facts.tobytes())
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -173,12 +173,12 @@ def finished(job: ShardJob) -> Shard | None:
     """
     with suppress(FileNotFoundError, ValueError, RecursionError):
         sidecar = Sidecar.read(job)
-        if sidecar.is_of(job) and file_sha256(job.path) == sidecar.shard.sha256:
+        if sidecar.is_of(job) and File(job.path).sha256() == sidecar.shard.sha256:
             return sidecar.shard
     there = job.there
     if there is not None and there.table_row is not None:
         with suppress(FileNotFoundError):
-            if file_sha256(there.path) == there.shard.sha256:
+            if File(there.path).sha256() == there.shard.sha256:
                 with new_file(job.path, job.building) as path:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
@@ -210,7 +210,7 @@ def make_shard(job: ShardJob) -> Shard:
 
     with new_file(job.path, job.building) as path:
         fingerprint = write(path, parts())
-        size, sha256 = path.stat().st_size, file_sha256(path)
+        size, sha256 = path.stat().st_size, File(path).sha256()
         if job.there is not None and job.there.shard.sha256 != sha256:
             raise DatasetError(not_as_it_was(job.there.path))
     shard = Shard(

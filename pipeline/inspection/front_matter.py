@@ -21,7 +21,7 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.source_text import printable_line
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
@@ -105,7 +105,7 @@ def update(data_dir: AnyPath) -> None:
         reason = "missing, or about other rows (the stage that made it makes it again)"
         say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
-    write_text(path, with_values(wanted, text))
+    File(path).write_text(with_values(wanted, text))
 
 
 def splits_of(manifests: list[Manifest]) -> list[str]:

@@ -15,7 +15,7 @@ from labyrinth_core.data import typed
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
-from labyrinth_core.data.storage import AnyPath, read_json
+from labyrinth_core.data.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.inspection.leakage import Certificate, Keys, certify
@@ -178,7 +178,7 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
     """
     path = data.folder / ANALYSIS
     try:
-        content: _Made = typed.read_as(_Made, read_json(path))
+        content: _Made = typed.read_as(_Made, File(path).read_json())
         if content["fingerprint"] != data.fingerprint:
             return None
         sums = Sums.read(data.folder)

@@ -15,7 +15,7 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
@@ -98,6 +98,6 @@ def _write(folder: AnyPath, file: ShardFile) -> Shard:
             longest=longest,
             cut=0,
             bytes=path.stat().st_size,
-            sha256=file_sha256(path),
+            sha256=File(path).sha256(),
             fingerprint=about.fingerprint,
         )

@@ -17,7 +17,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
@@ -71,7 +71,7 @@ def stage_export(job: Job[PublishStageOptions], folder: Path, *, is_unseen: bool
             for split in splits
         }
         _group(folder, job, splits)
-    write_text(folder / "README.md", _card(job, manifest, records, commit))
+    File(folder / "README.md").write_text(_card(job, manifest, records, commit))
 
 
 def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None, Manifest]:
@@ -122,10 +122,10 @@ def _group(folder: Path, job: Job[PublishStageOptions], splits: Sequence[str]) -
         path = folder / name / "data" / "metadata.json"
         content = json.loads(path.read_bytes()) | {"dataset_id": id_}
         path.unlink()  # The link, not its target.
-        write_text(path, json.dumps(content))
+        File(path).write_text(json.dumps(content))
     held = {"datasets": ids, "namespaces": [f"{group}/{job.dataset.name}"]}
-    write_text(folder / NAMESPACE_METADATA, json.dumps(held, indent=1) + "\n")
-    write_text(folder / job.dataset.name / NAMESPACE_METADATA, "{}\n")
+    File(folder / NAMESPACE_METADATA).write_text(json.dumps(held, indent=1) + "\n")
+    File(folder / job.dataset.name / NAMESPACE_METADATA).write_text("{}\n")
 
 
 def _card(
@@ -204,7 +204,7 @@ def stage_environment(
     splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
     # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
-    write_text(folder / "env.py", fill("env.txt", **values, commit=repr(commit)))
+    File(folder / "env.py").write_text(fill("env.txt", **values, commit=repr(commit)))
     card = fill(
         "environment.md",
         name=job.options.publish.env,
@@ -215,4 +215,4 @@ def stage_environment(
         code=code(),
         citation=citation(),
     )
-    write_text(folder / "README.md", card)
+    File(folder / "README.md").write_text(card)

@@ -14,7 +14,7 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
@@ -97,17 +97,17 @@ def stage_policy(
     source = job.options.run_folder(job.dataset)
     results, made, record = _results(job, commit, manifest)
     policy = load_policy(source)
-    if file_sha256(source / WEIGHTS) != made.evaluated["weights"]:
+    if File(source / WEIGHTS).sha256() != made.evaluated["weights"]:
         again = "stages=evaluate makes it again"
         raise DatasetError(f"{source / RESULTS} is for other weights than {WEIGHTS}: {again}")
     for name in (WEIGHTS, CONFIG):
         shutil.copyfile(source / name, folder / name)
     repo_id, _ = job.options.dataset_on_hub  # The run names a folder of its own machine.
     run = {**record["run"], "dataset": repo_id, "revision": commit}
-    write_text(folder / RECORD, json.dumps({**record, "run": run}, indent=1) + "\n")
+    File(folder / RECORD).write_text(json.dumps({**record, "run": run}, indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
-    write_text(folder / "README.md", _card(trained))
+    File(folder / "README.md").write_text(_card(trained))
 
 
 def _results(

@@ -27,7 +27,7 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import open_shard
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
@@ -116,9 +116,12 @@ def _scratch() -> Iterator[Path]:
     """
     root = Path(tempfile.gettempdir())
     for lock in root.glob(f"{PREFIX}*.lock"):
-        with suppress(OSError), locked(lock, wait=False):
+        with suppress(OSError), LocalFile(lock).locked(wait=False):
             remove(lock.with_suffix(""))
-    with tempfile.TemporaryDirectory(prefix=PREFIX) as place, locked(Path(f"{place}.lock")):
+    with (
+        tempfile.TemporaryDirectory(prefix=PREFIX) as place,
+        LocalFile(Path(f"{place}.lock")).locked(),
+    ):
         yield Path(place)
 
 

@@ -21,7 +21,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import read_json, temporaries
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.stage import Job
 from pipeline.generation import built
@@ -122,7 +122,7 @@ class Season:
         """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
             require_regular(place.season, MOST_BYTES)
-            season: Season = typed.read_as(cls, read_json(place.season))
+            season: Season = typed.read_as(cls, File(place.season).read_json())
             season._check()
         except FileNotFoundError as error:
             raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
@@ -150,7 +150,7 @@ class Season:
 
         It is moved to its place if the process that made the season was killed before.
         """
-        for kept in temporaries(place.secret.parent, [place.secret.name]):
+        for kept in LocalFile.temporaries(place.secret.parent, [place.secret.name]):
             with suppress(DatasetError, OSError):
                 self.require_secret(kept)
                 kept.replace(place.secret)

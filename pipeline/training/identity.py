@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -29,7 +29,7 @@ def identify(
     options = job.options
     module, of_user, _ = options.method_name.partition(":")
     own = getattr(import_module(module), "__file__", None) if of_user else None
-    code = {} if own is None else {"code": f"{Path(own).name} {file_sha256(Path(own)):.12}"}
+    code = {} if own is None else {"code": f"{Path(own).name} {File(Path(own)).sha256():.12}"}
     return {
         "method": options.method_name,
         "encoder": options.network,

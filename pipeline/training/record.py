@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
@@ -55,7 +55,7 @@ def write_record(
     except Exception as error:  # Any error: a plot must never cost the policy.
         say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     else:
-        write_bytes(folder / CURVES, picture)
+        File(folder / CURVES).write_bytes(picture)
         files.append(CURVES)
     content = {
         "format": FORMAT,
@@ -65,9 +65,9 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
-        "files": {file: file_sha256(folder / file) for file in files},
+        "files": {file: File(folder / file).sha256() for file in files},
     }
-    write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+    File(folder / RECORD).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def restore_curves(folder: Path, name: str) -> None:

@@ -20,7 +20,7 @@ import torch
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
@@ -153,7 +153,7 @@ def _train(
     save_policy(folder / WEIGHTS, done.weights, learner.problem.spec)
     if CONFIG in files_of(job):
         policy = PolicySpec.of_run(learner.problem.spec, identity)
-        write_text(folder / CONFIG, json.dumps(policy.to_json(), indent=1) + "\n")
+        File(folder / CONFIG).write_text(json.dumps(policy.to_json(), indent=1) + "\n")
     files = [name for name in files_of(job) if name != RECORD]
     name = options.run_name(job.dataset).name
     write_record(folder, name, identity, done, computed_on(device), files)

@@ -24,7 +24,7 @@ import numpy as np
 from run_queue import ROOT, processor_seconds, program
 
 from labyrinth_core import Dataset, evaluate, load_arrays, load_policy, memorised
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
@@ -229,7 +229,7 @@ def main() -> None:
             continue
         found = ask(asked, work, trained_only=given.trained)
         if found is not None:
-            write_text(path, json.dumps(found, indent=1) + "\n")
+            File(path).write_text(json.dumps(found, indent=1) + "\n")
             print(f"{asked.name}: p {found['receipt']['p']:.3f}", flush=True)
 
 

@@ -43,7 +43,7 @@ PLANTS = {
             "pipeline.release.publish:prepared_card",
         )
     ],
-    "export": [(("export=imitation",), "pipeline.export.stage:write_text")],
+    "export": [(("export=imitation",), "pipeline.export.stage:File")],
     "train": [
         ((*TRAINING, "overwrite=true"), "pipeline.training.loop:_select"),
         (TRAINING, "labyrinth_core.data.typed:read_as"),

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import (
     CONFIG,
@@ -64,7 +64,7 @@ def lay_out_run(folder, spec, **run):
         "epochs": 1,
         "selected": {"epoch": 1},
         "history": [{"epoch": 1}],
-        "files": {WEIGHTS: file_sha256(folder / WEIGHTS)},
+        "files": {WEIGHTS: File(folder / WEIGHTS).sha256()},
     }
     spec = PolicySpec.of_run(spec.network, content["run"])
     (folder / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")

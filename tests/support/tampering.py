@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from PIL import Image
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
@@ -114,7 +115,7 @@ def put_shards(
             for begin, end in pairwise([*groups_of(table), len(table)]):
                 writer.write_table(table.slice(begin, end - begin), row_group_size=end - begin)
         made = {"path": path.name, "rows": len(table), "bytes": path.stat().st_size}
-        made |= {"sha256": file_sha256(path)}
+        made |= {"sha256": File(path).sha256()}
         if "info" in table.column_names:
             made |= {"labyrinths": len(table["info"].unique())}
         shards.append(replace(old[min(number, len(old) - 1)], **made))
@@ -141,7 +142,7 @@ def agree(folder: Path, file: str, rows: Rows) -> None:
         "rows": len(rows),
         "longest": max(end - start for start, end in pairwise([*starts, len(rows)])) - 1,
         "bytes": (folder / file).stat().st_size,
-        "sha256": file_sha256(folder / file),
+        "sha256": File(folder / file).sha256(),
         "fingerprint": fingerprint(rows),
     }
     with manifest_of(folder) as content:
@@ -154,17 +155,15 @@ def episode_starts(rows: Rows) -> list[int]:
 
 def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
     """Return the fingerprint of rows, their pictures decoded by Pillow."""
-    digests: dict[bytes, bytes] = {}
     fingerprint = Fingerprint()
     for row in rows:
-        png = row["obs"]["bytes"]
-        if png not in digests:
-            digests[png] = picture_digest_of(png)
         numbers = tuple(row[column.name] for column in NUMBERS)
-        fingerprint.update([Row(b"", "", numbers, row["info"], digests[png])])
+        digest = picture_digest_of(row["obs"]["bytes"])
+        fingerprint.update([Row(b"", "", numbers, row["info"], digest)])
     return fingerprint.hexdigest()
 
 
+@lru_cache(20_000)  # Tests change a few pictures of the same dataset.
 def picture_digest_of(png: bytes) -> bytes:
     try:
         picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))

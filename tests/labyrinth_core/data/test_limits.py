@@ -27,7 +27,7 @@ from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
 from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.generation.table import arrow_schema
 
 MOST = 700 << 20
@@ -134,7 +134,7 @@ def put_shard(folder: Path, columns: dict[str, Any], padding: int = 0, **options
     table = pa.table(columns)
     pq.write_table(table, path, compression="zstd", store_schema=False, **options)
     pad(path, padding)
-    made = {"rows": len(table), "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    made = {"rows": len(table), "bytes": path.stat().st_size, "sha256": File(path).sha256()}
     claim(folder, **made)
 
 
@@ -154,7 +154,7 @@ def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> Non
     manifest = Manifest.read(folder)
     train = [shard for shard in manifest.shards if shard.split == "train"]
     shards = tuple(replace(shard, labyrinths=count) for shard in train)
-    made = TableFile(path.stat().st_size, file_sha256(path))
+    made = TableFile(path.stat().st_size, File(path).sha256())
     replace(manifest, shards=shards, labyrinths=made).write(folder)
 
 

@@ -12,14 +12,10 @@ from support.making import RunConfig, resolve
 from support.s3_server import bucket, memory, server
 
 from labyrinth_core.data.storage import (
+    File,
+    LocalFile,
     RemotePath,
     folder_at,
-    local_copy,
-    named_file,
-    replacing,
-    temporaries,
-    temporary_beside,
-    write_bytes,
 )
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.folders import new_file
@@ -43,8 +39,8 @@ def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_pa
     with pytest.raises(FileNotFoundError):
         (deeper / "one.txt").read_bytes()
     deeper.mkdir(parents=True, exist_ok=True)
-    write_bytes(deeper / "one.txt", b"old")
-    write_bytes(deeper / "one.txt", b"new")
+    File(deeper / "one.txt").write_bytes(b"old")
+    File(deeper / "one.txt").write_bytes(b"new")
     with new_file(deeper / "two.txt", tmp_path) as local:
         local.write_bytes(b"2")
         assert not (deeper / "two.txt").exists()
@@ -57,7 +53,7 @@ def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_pa
     assert not deeper.is_file()
     with (deeper / "one.txt").open("rb") as file:
         assert file.read(2) == b"ne"
-    with local_copy(deeper / "two.txt") as local:
+    with File(deeper / "two.txt").local_copy() as local:
         assert local.read_bytes() == b"2"
     (deeper / "one.txt").unlink()
     (deeper / "one.txt").unlink(missing_ok=True)
@@ -81,9 +77,13 @@ def test_a_file_that_is_not_finished_is_not_there(
 def test_a_link_is_replaced_itself_and_a_folder_never(tmp_path: Path, write: str) -> None:
     def put(path: Path) -> None:
         if write == "write_bytes":
-            write_bytes(path, b"new")
+            File(path).write_bytes(b"new")
             return
-        with new_file(path, tmp_path) if write == "new_file" else replacing(path) as local:
+        with (
+            new_file(path, tmp_path)
+            if write == "new_file"
+            else LocalFile(path).replacing() as local
+        ):
             local.write_bytes(b"new")
 
     target, folder = tmp_path / "target", tmp_path / "folder"
@@ -106,17 +106,17 @@ def test_a_link_that_a_user_names_for_output_leads_to_its_target(tmp_path: Path)
     link, folder = tmp_path / "link", tmp_path / "folder"
     link.symlink_to("target")
     folder.symlink_to(tmp_path)
-    write_bytes(named_file(link), b"new")
+    File(LocalFile(link).target()).write_bytes(b"new")
     assert link.is_symlink()
     assert (tmp_path / "target").read_bytes() == b"new"
-    assert named_file(tmp_path / "other") == tmp_path / "other"
+    assert LocalFile(tmp_path / "other").target() == tmp_path / "other"
     with pytest.raises(FileExistsError, match="is not a regular file"):
-        named_file(folder)
+        LocalFile(folder).target()
 
 
 def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    for writing in (replacing(path), new_file(path, tmp_path)):
+    for writing in (LocalFile(path).replacing(), new_file(path, tmp_path)):
         with pytest.raises(OSError, match=r"No space left on device: '.*a\.parquet'"), writing:
             raise OSError(errno.ENOSPC, "No space left on device")
         assert list(tmp_path.iterdir()) == []
@@ -131,22 +131,22 @@ def test_an_error_of_a_temporary_file_names_the_file_that_is_written(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", refuse)
         with pytest.raises(PermissionError) as refused:
-            write_bytes(tmp_path / "y.png", b"")
+            File(tmp_path / "y.png").write_bytes(b"")
     assert refused.value.filename == str(tmp_path / "y.png")
     path = tmp_path / "nowhere" / "x.png"
     with pytest.raises(FileNotFoundError) as caught:
-        write_bytes(path, b"")
+        File(path).write_bytes(b"")
     assert caught.value.filename == str(path)
 
 
 def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
-    made = temporary_beside(path)
+    made = LocalFile(path).temporary()
     for name in (made.name, f".README.md.{'0' * 12}.{'0' * 8}.tmp", ".README.md.tmp", "x.tmp"):
         (tmp_path / name).touch()
-    assert temporaries(tmp_path, [path.name]) == [made]
-    assert temporaries(tmp_path, ["README"]) == []
-    assert temporaries(tmp_path, [path.name], ".replaced") == []
+    assert LocalFile.temporaries(tmp_path, [path.name]) == [made]
+    assert LocalFile.temporaries(tmp_path, ["README"]) == []
+    assert LocalFile.temporaries(tmp_path, [path.name], ".replaced") == []
 
 
 class FailingStore(fsspec.AbstractFileSystem):

@@ -33,7 +33,7 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
@@ -107,7 +107,7 @@ def test_the_folder_of_a_run_is_a_policy(released: Path, tmp_path: Path) -> None
 def test_a_record_that_differs_from_the_list_of_hashes_is_damaged(tmp_path: Path) -> None:
     run = Path(shutil.copytree(RELEASED, tmp_path / "run"))
     record = run / "run.json"
-    (run / "SHA256SUMS").write_text(f"{'0' * 64}  a.run.json\n{file_sha256(record)}  run.json\n")
+    (run / "SHA256SUMS").write_text(f"{'0' * 64}  a.run.json\n{File(record).sha256()}  run.json\n")
     load_policy(run)
     text = record.read_text(encoding="utf-8")
     record.write_text(text.replace('"sharpness": 3.0', '"sharpness": 2.0'), encoding="utf-8")

@@ -9,7 +9,7 @@ import pytest
 from support.policies import lay_out_run
 
 from labyrinth_core import DatasetError, load_policy, open_policy
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.opening import PolicyNameError
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 
@@ -24,10 +24,10 @@ def run(tmp_path: Path) -> Path:
 def test_a_run_says_how_it_was_trained_and_what_its_files_are(run: Path) -> None:
     policy = open_policy(run)
     assert (policy.run.name, policy.run.seed) == ("bc-mlp-seed3", 3)
-    weights = file_sha256(run / "model.safetensors")
+    weights = File(run / "model.safetensors").sha256()
     assert policy.run.evaluated["weights"] == weights
     assert (policy.origin.source, policy.origin.commit) == (str(run), None)
-    files = {name: file_sha256(run / name) for name in ("model.safetensors", "config.json")}
+    files = {name: File(run / name).sha256() for name in ("model.safetensors", "config.json")}
     assert policy.origin.files == files
     assert open_policy(f"{run}@{weights}").origin.files == files
 

@@ -24,7 +24,7 @@ from support.tampering import content_of
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.export import stage
@@ -183,7 +183,7 @@ def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset
     table = pq.read_table(path)
     pq.write_table(table.take([*range(1, len(table)), 0]), path)
     content = json.loads((path.parent / MANIFEST).read_bytes())
-    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": File(path).sha256()}
     (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))

@@ -13,7 +13,7 @@ from support.s3_server import S3Server, bucket, content_of, memory, server
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.storage import folder_at, write_bytes
+from labyrinth_core.data.storage import File, folder_at
 from pipeline.generation import build as generation
 from pipeline.generation import check as validation
 
@@ -46,8 +46,8 @@ def test_damaged_and_missing_shards_in_a_store_are_made_anew(
     folder = build(memory).folder
     test, random = (folder / f"{name}-00000-of-00001.parquet" for name in ("test", "random"))
     test.unlink()
-    write_bytes(folder / TRAIN, b"PAR1")
-    write_bytes(random, random.read_bytes()[::-1])
+    File(folder / TRAIN).write_bytes(b"PAR1")
+    File(random).write_bytes(random.read_bytes()[::-1])
     assert content_of(build(memory).folder) == content_of(small_dataset.folder)
 
 
@@ -55,7 +55,7 @@ def test_files_of_a_person_in_a_store_stop_the_build_that_would_replace_them(
     build: Build, memory: str
 ) -> None:
     folder = build(memory, labyrinths=1).folder
-    write_bytes(folder / "notes.parquet", b"years of work")
+    File(folder / "notes.parquet").write_bytes(b"years of work")
     with pytest.raises(DatasetError, match=r"holds notes\.parquet"):
         build(memory, overwrite=True)
     assert (folder / "notes.parquet").read_bytes() == b"years of work"
@@ -104,7 +104,7 @@ def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_n
     server.fault = lambda _method, _path: False
     damaged = {TRAIN.replace(".parquet", ".shard")} if part == MANIFEST else set()
     if damaged:
-        write_bytes(folder / TRAIN, (folder / TRAIN).read_bytes()[:-1] + b"?")  # As long.
+        File(folder / TRAIN).write_bytes((folder / TRAIN).read_bytes()[:-1] + b"?")  # As long.
     server.requests.clear()
     run = build(bucket)
     assert content_of(run.data_dir) == content_of(small_dataset.data_dir)

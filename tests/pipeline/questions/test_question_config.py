@@ -13,7 +13,7 @@ from support.tampering import content_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import Solver
@@ -67,7 +67,7 @@ def test_the_questions_are_validated(copied, capsys):
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
         check.run(copied)
     manifest = Manifest.read(folder, companion="questions")
-    now = {"sha256": file_sha256(folder / TEST), "bytes": (folder / TEST).stat().st_size}
+    now = {"sha256": File(folder / TEST).sha256(), "bytes": (folder / TEST).stat().st_size}
     shards = [replace(shard, **now) if shard.path == TEST else shard for shard in manifest.shards]
     replace(manifest, shards=tuple(shards)).write(folder)
     with pytest.raises(DatasetError) as error:

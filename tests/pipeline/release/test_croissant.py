@@ -15,7 +15,7 @@ from support.planting import DEFAULT, OTHER
 
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.release import card
 from pipeline.release.texts import Release
 
@@ -86,7 +86,7 @@ def test_every_parquet_file_is_there_with_its_hash_and_size(carded):
     assert set(files) == there
     assert len(there) == 2 * len(BASE_SPLITS) + 2
     for path, part in files.items():
-        assert part["sha256"] == file_sha256(carded / path)
+        assert part["sha256"] == File(carded / path).sha256()
         assert part["contentSize"] == f"{(carded / path).stat().st_size} B"
 
 

@@ -19,7 +19,7 @@ from support.making import Run
 from support.quick_python import python
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.spec import RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import HASHES, leave
@@ -51,7 +51,7 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> 
 def require_finished(folder: Path) -> int:
     """Fail unless a folder holds a whole run; return the number of its epochs."""
     content = json.loads((folder / RECORD).read_bytes())
-    assert {name: file_sha256(folder / name) for name in content["files"]} == content["files"]
+    assert {name: File(folder / name).sha256() for name in content["files"]} == content["files"]
     assert WEIGHTS in content["files"]
     return int(content["epochs"])
 
