@@ -11,7 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
+from labyrinth_core.benchmarks.errors import (
+    FAILURES,
+    CertifyError,
+    EnvironmentFailure,
+    called,
+    failure,
+)
 from labyrinth_core.benchmarks.making import Maker, StateOf, close
 from labyrinth_core.benchmarks.spread import Ranges
 from labyrinth_core.benchmarks.tape import Tape
@@ -68,12 +74,19 @@ def steps_of(env: Any, actions: Iterable[Any]) -> Iterator[tuple[Any, Any, Any, 
 
     `Tape.play` takes the same steps. An environment may overwrite what it returned when the
     iteration goes on.
+
+    Raises:
+        EnvironmentFailure: The environment fails.
     """
-    for action in actions:
-        observation, reward, terminated, truncated, _ = env.step(action)
-        yield observation, reward, terminated, truncated
-        if terminated or truncated:
-            return
+    try:
+        for action in actions:
+            observation, reward, terminated, truncated, _ = env.step(action)
+            ended = bool(terminated or truncated)
+            yield observation, reward, terminated, truncated
+            if ended:
+                return
+    except FAILURES as error:
+        raise failure(error) from error
 
 
 class Stage:
@@ -147,10 +160,10 @@ def look(
         state = 0
         try:
             for probe, (env, first, actions) in enumerate(protocol.walk(stage, seed)):
-                called(tape.begin, first)
+                tape.begin(first)
                 if not probe and protocol.state is not None:
-                    state = digest(called(lambda env=env: encode(protocol.state(env))))
-                called(tape.play, env.step, actions)
+                    state = digest(encode(called(protocol.state, env)))
+                tape.play(env.step, actions)
             waiting.append(Seen(seed, state=state))
         except EnvironmentFailure as error:
             stage.close()
