@@ -15,9 +15,9 @@ from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import LabyrinthError, Task
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import default_start_and_goal, place
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
@@ -35,7 +35,7 @@ def optimal_episode(task: Task, size: int) -> Episode:
             labyrinth = place(structure, *default_start_and_goal(size, size), task, rng)
         except LabyrinthError:
             continue
-        episode = replay(labyrinth, shortest_route(labyrinth, rng))
+        episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
         if len(episode) >= 2 * size:
             return episode
     raise AssertionError("the sampler never ends")

@@ -11,11 +11,12 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
-from labyrinth_core.world.buckets import BUCKETS, SPLITS, bucket_at_any_ends, split_of
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import STEP_LIMIT, LabyrinthError, Task
+from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
 from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
 
 Choice = TypeVar("Choice")
@@ -112,7 +113,8 @@ class LabyrinthSource(NamedTuple):
         if labyrinth is None:
             if self.split is None:
                 return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
-            bucket = split_of if start is None and goal is None else bucket_at_any_ends
+            at_any_ends = start is not None or goal is not None
+            bucket = Structure.split_at_any_ends if at_any_ends else Structure.split
             try:
                 return sample_labyrinth(
                     height,

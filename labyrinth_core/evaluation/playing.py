@@ -22,14 +22,8 @@ from labyrinth_core.evaluation.answers import (
     memory_of,
 )
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import (
-    GOAL_REWARD,
-    ICE_REWARD,
-    STEP_LIMIT,
-    STEP_PENALTY,
-    Episode,
-    replay,
-)
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.rules import GOAL_REWARD, ICE_REWARD, STEP_LIMIT, STEP_PENALTY
 
 OUTCOMES = {
     "solved": "the goal is reached",

@@ -12,7 +12,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
-from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rules import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits on which a trained policy is evaluated."""

@@ -12,21 +12,11 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
+from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.labyrinth import (
-    MAX_SIDE,
-    MIN_SIDE,
-    TILES,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Sketch,
-    Structure,
-    Task,
-    digits,
-    identity,
-    whole,
-)
+from labyrinth_core.world.labyrinth import Labyrinth, Sketch
+from labyrinth_core.world.rules import TILES, LabyrinthError, Look, Task
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, digits, identity
 from labyrinth_core.world.tasks import default_start_and_goal, place
 
 __all__ = [

@@ -13,17 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import (
-    UNREACHABLE,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Structure,
-    Task,
-    checked_sides,
-    whole,
-)
+from labyrinth_core.checks import whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Look, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import UNREACHABLE, Structure, checked_sides
 
 ICE_SEARCH = 500_000
 """About how many cells the search for a place for ice visits before giving up."""
@@ -34,23 +28,6 @@ MAX_DRAWS = 10_000
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
     """Return the bottom left and the top right cell."""
     return 0, height * width - 1
-
-
-def check_open_walls(task: Task, open_walls: float) -> None:
-    """Refuse a task that no labyrinth can hold with this share of open walls.
-
-    Args:
-        task: The task.
-        open_walls: The probability of opening each wall that the tree leaves.
-
-    Raises:
-        LabyrinthError: No labyrinth can hold the task.
-    """
-    wish = f"open_walls={open_walls:g} task={task}"
-    if task.rules.needs_loops and open_walls == 0:
-        raise LabyrinthError(f"{wish}: {task.rules.needs_loops}; give more than 0")
-    if task.rules.needs_walls and open_walls == 1:
-        raise LabyrinthError(f"{wish}: {task.rules.needs_walls}; give less than 1")
 
 
 def place(
@@ -299,7 +276,7 @@ def sample_labyrinth(
     wish = f"size={height}x{width}, {wish_text(task, start, goal, width)}"
     check_apart(start, goal, wish)
     if open_walls is not None:
-        check_open_walls(task, open_walls)
+        task.check_open_walls(open_walls)
     structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
     for structure in islice(structures, MAX_DRAWS):
         if allows is not None and not allows(structure):

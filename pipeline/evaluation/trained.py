@@ -2,38 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import POLICY, PolicySpec
+from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
 from pipeline.training.methods.method import find
 from pipeline.training.train import choose_device, identify, spec_of
-
-
-class Shown(NamedTuple):
-    """The policy of a run, and the labyrinths that it is evaluated in."""
-
-    evaluation: Evaluation
-    key: dict[str, Any]
-    """Identifies the run in its folder."""
-    as_tried: Callable[[str], dict[str, float]] | None = None
-    """Returns the figures on a split by the rules of the run's protocol, if it has its own."""
 
 
 def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
@@ -50,7 +39,7 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
-        settings = about["settings"] | options.method
+        settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
         advice = ": leave the option out, or train with it first"
         require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
@@ -58,8 +47,10 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
 
 
 @usual_defaults()
-def show(job: Job[EvaluateOptions], folder: Path, data: Dataset) -> Shown:
-    """Return the policy of a run with a dataset, on the chosen device.
+def show(
+    job: Job[EvaluateOptions], folder: Path, data: Dataset
+) -> tuple[Evaluation, dict[str, Any]]:
+    """Return the policy of a run with a dataset, on the chosen device, and the run's key.
 
     Raises:
         ConfigError: The device does not exist.
@@ -71,17 +62,20 @@ def show(job: Job[EvaluateOptions], folder: Path, data: Dataset) -> Shown:
     assert record is not None  # Else there was no run.
     key = options_of(record["run"])
     if not job.options.policy and ":" in job.options.method_name:
-        shown, as_tried = _of_users_method(job, folder, data, run, record["run"]["settings"])
-        return Shown(shown, key, as_tried)
+        return _of_users_method(job, folder, data, run, record["run"]["settings"]), key
     policy = open_policy(folder)
     policy.network.to(device)
-    return Shown(Evaluation.of(policy, data, run=run), key)
+    return Evaluation.of(policy, data, run=run), key
 
 
 def _of_users_method(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, run: TrainedRun, values: dict[str, Any]
-) -> tuple[Evaluation, Callable[[str], dict[str, float]] | None]:
-    """Return the policy of a user's method, which may have its own network, memory and rules.
+    job: Job[EvaluateOptions],
+    folder: Path,
+    data: Dataset,
+    run: TrainedRun,
+    values: Mapping[str, Any],
+) -> Evaluation:
+    """Return the policy of a user's method, which may have its own network and memory.
 
     Args:
         job: The options, which name the method.
@@ -95,17 +89,14 @@ def _of_users_method(
     if options.observation == "vector":
         PolicySpec(spec, average=False).require_fit(about.height, about.width, about.task)
     make = partial(method.make, settings=settings)
-    policy = read_policy(folder / POLICY, spec, choose_device(options), make)
+    policy = read_policy(folder / WEIGHTS, spec, choose_device(options), make)
     size = method.image_size(spec, settings, about.height, about.width)
-    resize = PROTOCOLS[options.protocol].resize
+    resize = options.resize
     shape = replace(spec, height=about.height, width=about.width)
-    shown = Evaluation(
+    return Evaluation(
         data,
         Player.of(method.player(policy, shape, settings), run.seed),
         ObservationSpec(options.observation, size, draw=True, resize=resize),
         run.seed,
         run=run,
     )
-    if not method.protocol:
-        return shown, None
-    return shown, lambda split: method.as_tried(policy, shown.load(split))

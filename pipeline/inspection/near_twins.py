@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.labyrinth import Structure, horizontal_edges, vertical_edges
+from labyrinth_core.world.structure import Structure, horizontal_edges, vertical_edges
 
 JOINED_WALLS = 3
 """The largest distance found by looking up keys; for larger ones all pairs are compared."""

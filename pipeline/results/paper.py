@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from labyrinth_core.evaluation.description import RunName
-from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rules import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
 from pipeline.machinery.markdown import plain
 
 METHODS = {

@@ -22,7 +22,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
@@ -162,7 +162,7 @@ def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, 
     """Write tensors and texts into one safetensors file, atomically."""
     # Cloned because the format cannot express weights that networks share.
     owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
-    write_bytes(path, to_bytes(owned, metadata))
+    File(path).write_bytes(to_bytes(owned, metadata))
 
 
 def _digest(tensors: Mapping[str, Tensor], text: str) -> str:

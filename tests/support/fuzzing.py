@@ -9,8 +9,10 @@ import numpy as np
 
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import place
 
 CHARACTERS = [

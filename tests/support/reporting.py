@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.dynamics import STEP_LIMIT
+from labyrinth_core.world.rules import STEP_LIMIT
 from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"

@@ -23,8 +23,10 @@ from support.brute_force import (
 )
 from support.strategies import connected_structures, labyrinths
 
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
     change_goal,
     change_start,
