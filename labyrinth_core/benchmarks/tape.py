@@ -66,14 +66,15 @@ class Tape:
         for action in actions:
             try:
                 observation, reward, terminated, truncated, _ = step(action)
-                ended = bool(terminated or truncated)
+                goes_on = terminated is truncated is False
+                ended = not goes_on and bool(terminated or truncated)
             except FAILURES as error:
                 raise failure(error) from error
             if reward is not last:
                 code = encode(reward)
                 usual = code + b"FF)"
                 last = reward if type(reward) in (float, int) else object()
-            if terminated is truncated is False:
+            if goes_on:
                 closing = usual
             else:
                 closing = b"%s%s%s)" % (code, encode(terminated), encode(truncated))
