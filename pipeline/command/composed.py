@@ -141,24 +141,29 @@ def part_of(options: Any, cls: type[Options]) -> Options:
     return cls(**{each.name: getattr(options, each.name) for each in fields(cls)})  # type: ignore[arg-type]
 
 
-def unused(names: Iterable[str], stages: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the options that none of the stages uses, each with the stages that do.
+def unused(names: Iterable[str], options: Any) -> dict[str, tuple[str, ...]]:
+    """Return the options that no requested stage uses, each with the stages that do.
 
     Args:
         names: The names of the options that a command line gives.
-        stages: The stages that it requests.
+        options: An instance of `ALL`.
     """
-    users: dict[str, tuple[str, ...]] = {}
+    known = [stage for stage in options.stages if stage in STAGES]
+    idle = {stage: STAGES[stage].idle(options) for stage in known}
+    lost = {}
     for name in names:
         first = name.partition(".")[0]
-        users[name] = tuple(
+        users = [
             stage
             for stage, declaration in STAGES.items()
             if first not in SHARED
             and any(each.name == first for each in fields(declaration.options))
-        )
-    requested = {*stages}
-    return {name: those for name, those in users.items() if those and not requested & {*those}}
+        ]
+        if users and all(first in idle.get(stage, {first: ""}) for stage in users):
+            lost[name] = tuple(
+                f"{stage} {idle[stage][first]}" if stage in idle else stage for stage in users
+            )
+    return lost
 
 
 def names_in(overrides: Iterable[str]) -> list[str]:

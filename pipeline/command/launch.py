@@ -152,7 +152,7 @@ def _outcome(config: DictConfig) -> float | None:
         options = options_of(config, given)
     except OmegaConfBaseException as error:
         raise ConfigError(refusal(error)) from error
-    if lost := unused(typed, options.stages):
+    if lost := unused(typed, options):
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
         say_once(f"No requested stage uses {'; '.join(users)}.")
     named = not {"size", "task"}.isdisjoint(typed)

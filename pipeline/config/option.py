@@ -63,7 +63,8 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        check(name in kinds, no_option(group + name, (group + each for each in kinds)))
+        if name not in kinds:
+            raise ConfigError(no_option(group + name, (group + each for each in kinds)))
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 

@@ -122,5 +122,8 @@ class Stage:
     next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = _no_step
     """Returns what to suggest if the stage ran last, given all stages: the options of the next
     command and its purpose; or a line as it is; or nothing."""
+    idle: Callable[[Any], Mapping[str, str]] = lambda _options: {}
+    """Returns the options that the stage does not use beside the given ones, each with what it is
+    used with, such as `with publish.model`."""
     runs_alone: Callable[[Any], bool] = lambda _options: False
     """Returns whether no later stage can run after one with these options."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
@@ -142,6 +143,12 @@ def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, .
     return () if job.options.evaluate_on else COMPARE
 
 
+def _idle(options: Any) -> dict[str, str]:
+    """Return the options that name a training run, if another policy is evaluated."""
+    of_run = ("method", "encoder", "protocol", "train_labyrinths") if options.policy else ()
+    return dict.fromkeys(of_run, "without policy")
+
+
 STAGES = {
     "evaluate": Stage(
         "pipeline.evaluation.evaluate",
@@ -149,5 +156,6 @@ STAGES = {
         _check,
         headings={"Evaluation, by stages=evaluate": EvaluateOptions},
         next_step=_next_step,
+        idle=_idle,
     )
 }

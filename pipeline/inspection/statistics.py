@@ -198,13 +198,13 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
         "labyrinths": leakage["labyrinths"],
         "repeated": leakage["repeated"],
         "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
-        "pairs": [_shown(pair) for pair in leakage["pairs"]],
+        "pairs": [_pair(pair) for pair in leakage["pairs"]],
         "permutations": analysis["shift"]["permutations"],
         "shift": analysis["shift"]["measures"],
     }
 
 
-def _shown(pair: Mapping[str, Any]) -> dict[str, Any]:
+def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "first": pair["first"],
         "second": pair["second"],

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from labyrinth_core.data.storage import RemotePath
@@ -12,7 +12,7 @@ from labyrinth_core.policies.spec import ENCODERS, OWN
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
+from pipeline.config.options import SourceOptions, WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
 
@@ -137,6 +137,21 @@ def _after_card(job: Job[WorkOptions], stages: Sequence[str]) -> tuple[str, ...]
     return LEARN if isinstance(job.data_dir, RemotePath) else LOOK
 
 
+def _idle(options: Any) -> dict[str, str]:
+    """Return the options of a run and of an export, if neither is published."""
+    publish = options.publish
+    idle: dict[str, str] = {}
+    of_dataset = {each.name for each in fields(SourceOptions)}
+    if not publish.model:
+        of_run = {each.name for each in fields(TrainingOptions)} - of_dataset
+        idle |= dict.fromkeys(of_run, "with publish.model")
+    if not publish.export:
+        idle["export"] = "with publish.export"
+    if not (publish.model or publish.export or publish.env):
+        idle |= dict.fromkeys(of_dataset, "with publish.model, publish.export or publish.env")
+    return idle
+
+
 STAGES = {
     "card": Stage("pipeline.release.card", WorkOptions, _check_card, next_step=_after_card),
     "publish": Stage(
@@ -145,5 +160,6 @@ STAGES = {
         _check_publish,
         headings={"Publishing, by stages=publish": PublishStageOptions},
         next_step=_after_publish,
+        idle=_idle,
     ),
 }

@@ -149,6 +149,12 @@ class Repository:
         call = getattr(self.api, method)
         return hub.repeated(lambda: call(self.repo_id, repo_type=self.repo_type, **options))
 
+    def _required(self, commit: Any) -> str:
+        """Return a commit that the Hub names; raise WrongAnswerError if it has another form."""
+        if isinstance(commit, str) and hub.COMMIT.fullmatch(commit):
+            return commit
+        raise hub.WrongAnswerError(f"{self.repo_id}: the Hub calls a commit {commit!r:.60}")
+
     def exists(self) -> bool:
         """Return whether the repository exists.
 
@@ -194,10 +200,11 @@ class Repository:
             info: Any = self.api.repo_info(
                 self.repo_id, repo_type=self.repo_type, revision=revision
             )
-            if not hub.COMMIT.fullmatch(info.sha or "") or info.siblings is None:
-                raise hub.WrongAnswerError(f"the Hub names no commit or files of {self.repo_id}")
+            sha = self._required(info.sha)
+            if info.siblings is None or (hub.COMMIT.fullmatch(revision) and sha != revision):
+                raise hub.WrongAnswerError(f"{self.repo_id}: the Hub does not describe {revision}")
             entries = self.api.list_repo_tree(
-                self.repo_id, repo_type=self.repo_type, revision=info.sha, recursive=True
+                self.repo_id, repo_type=self.repo_type, revision=sha, recursive=True
             )
             tree: dict[str, str] = {}
             seen = set()
@@ -208,8 +215,10 @@ class Repository:
                 if isinstance(entry, RepoFile):
                     tree[entry.path] = entry.lfs.sha256 if entry.lfs else entry.blob_id
             if {each.rfilename for each in info.siblings} - tree.keys():
-                raise hub.WrongAnswerError(f"{self.repo_id}: the Hub lists files that it lacks")
-            return str(info.sha), tree
+                raise hub.WrongAnswerError(
+                    f"the Hub lists other files of {self.repo_id} than it names"
+                )
+            return sha, tree
 
         return hub.repeated(asked)
 
@@ -265,8 +274,12 @@ class Repository:
 
     def tags(self) -> dict[str, str]:
         """Return the commit that each tag points to."""
-        tags = self._call("list_repo_refs").tags
-        return {str(each.name): str(each.target_commit) for each in tags}
+
+        def asked() -> dict[str, str]:
+            refs = self.api.list_repo_refs(self.repo_id, repo_type=self.repo_type)
+            return {str(tag.name): self._required(tag.target_commit) for tag in refs.tags}
+
+        return hub.repeated(asked)
 
     def versions(self) -> dict[str, str]:
         """Return the commit of each tag that is a version, such as 1.0.0."""
@@ -311,15 +324,14 @@ class Repository:
 
         def committed() -> str:
             try:
-                return str(
-                    self.api.create_commit(
-                        self.repo_id,
-                        [*additions, *deletions],
-                        commit_message=title,
-                        repo_type=self.repo_type,
-                        parent_commit=parent,
-                    ).oid
+                made = self.api.create_commit(
+                    self.repo_id,
+                    [*additions, *deletions],
+                    commit_message=title,
+                    repo_type=self.repo_type,
+                    parent_commit=parent,
                 )
+                return self._required(made.oid)
             except (*hub.UNAVAILABLE, *MALFORMED) as error:
                 is_refused = hub.status_of(error) == 412
                 if hub.seconds_to_wait(error) is None and not is_refused:

@@ -23,10 +23,9 @@ from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
+from labyrinth_core.evaluation.memorised import train_of
 from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.twins import train_set
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
@@ -197,8 +196,9 @@ def judged(
         version=judgement.versions["labyrinth-datasets"],
         judged=judgement,
         policy=None,  # The judgement names it.
-        memorised=None if train is None else _receipt(asked, train),
     )
+    if train is not None:
+        results = _with_receipt(results, asked, train)
     content = results.to_text(Description(submission.named)).encode()
     return Judged(_row(results, content), results, content)
 
@@ -216,18 +216,17 @@ def _train_named(place: str) -> DatasetConfig | None:
         raise ConfigError(f"season.learnt_from={place}: {error}") from error
 
 
-def _receipt(asked: Evaluation, train: DatasetConfig) -> Receipt:
-    """Return whether a submission follows the train of a dataset in the test of a season.
+def _with_receipt(results: Results, asked: Evaluation, train: DatasetConfig) -> Results:
+    """Add to results whether the submission follows the train of a dataset in the season's test.
 
     The test follows from the secret alone, so it does not depend on that train.
     """
-    here, test = asked.data.manifest.config, asked.load("test")
+    here = asked.data.manifest.config
     try:
         if train.name != here.name:
             raise ValueError(f"{train.name} is not {here.name}")
         check_rows(replace(train, labyrinths=(1 + CONTROLS) * train.labyrinths))
-        own = train_set(train)
-        return receipt_of(asked.player, test, own, split="test", controls=CONTROLS)
+        return replace(results, memorised=asked.receipt("test", CONTROLS, train=train))
     except (DatasetError, PolicyError):
         raise
     except ValueError as error:

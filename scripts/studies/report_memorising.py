@@ -104,8 +104,8 @@ def uniform() -> str:
     for row, each in enumerate(found):
         for seed, unseen in each["unseen"].items():
             scaled[row, TWENTY.index(int(seed))] = unseen["excess"] / unseen["sd"]
-    by_train = np.nanmean(scaled, axis=0)
-    expected = float(np.mean(1 / np.sqrt((~np.isnan(scaled)).sum(axis=0))))
+    scaled = scaled[:, (asked := (~np.isnan(scaled)).sum(axis=0)) > 0]
+    by_train, expected = np.nanmean(scaled, axis=0), np.mean(asked[asked > 0] ** -0.5)
     return (
         f"Of {len(ps)} ranks, {(ps <= 0.05).mean():.1%} are up to 0.05 and "
         f"{(ps <= 0.1).mean():.1%} up to 0.1. Their largest distance from the uniform distribution "

@@ -216,6 +216,37 @@ def test_a_listing_that_never_ends_is_told_in_one_line(empty: LocalHub, folder: 
     assert told.startswith(f"{REPO}: the Hub lists {files[0]['path']} twice")
 
 
+@pytest.mark.parametrize("oid", ["main", None, 7, "0" * 39])
+def test_a_commit_under_a_name_that_is_none_is_found_by_its_tree(
+    empty: LocalHub, folder: Path, oid: object
+) -> None:
+    page = f"{empty.url}/datasets/{REPO}/commit/{oid}"
+    body = json.dumps({"commitOid": oid, "commitUrl": page, "pullRequestUrl": None}).encode()
+    empty.faults.answer(*COMMITTING, status=200, body=body, after=True)
+    release(folder)
+    assert held(empty, "1.0.0") == held(empty) == hashes(folder)
+
+
+def test_another_commit_than_the_one_in_question_is_not_verified(
+    empty: LocalHub, folder: Path
+) -> None:
+    first = empty.refs(REPO)["refs/heads/main"]
+    info = {"id": REPO, "sha": first, "siblings": []}
+    call = ("GET", "/revision/[0-9a-f]{40}$")
+    empty.faults.answer(*call, status=200, body=json.dumps(info).encode(), times=UNLIMITED)
+    assert "failed, so it is not tagged: user/labyrinth: the Hub does not describe" in refusal(
+        folder
+    )
+    empty.faults.clear()
+    refs = {"tags": [_ref("1.0.0", "main")], "converts": [], "branches": [_ref("main", first)]}
+    body = json.dumps(refs).encode()
+    empty.faults.answer("GET", "/refs$", status=200, body=body, times=UNLIMITED)
+    assert refusal(folder).startswith(f"{REPO}: the Hub calls a commit 'main'")
+    empty.faults.clear()
+    release(folder)
+    assert held(empty, "1.0.0") == hashes(folder)
+
+
 MOMENTS: dict[str, tuple[str, str]] = {
     "before it is listed to be sent": ("GET", "/refs$"),
     "before the uploads": ("GET", "/revision/main$"),

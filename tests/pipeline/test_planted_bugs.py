@@ -46,14 +46,14 @@ PLANTS = {
     "export": [(("export=imitation",), "pipeline.export.stage:File")],
     "train": [
         ((*TRAINING, "overwrite=true"), "pipeline.training.loop:_select"),
-        (TRAINING, "labyrinth_core.policies.record:check_shape"),
+        (TRAINING, "labyrinth_core.data.typed:read_as"),
     ],
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
         ((*TRAINING, "overwrite=true"), "pipeline.evaluation.trained:require_same"),
     ],
-    "results": [((), "labyrinth_core.evaluation.results:check_shape")],
+    "results": [((), "labyrinth_core.data.typed:read_as")],
     "certify": [
         (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
         (
@@ -62,7 +62,7 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.all",
+            "labyrinth_core.benchmarks.tape:Tape.play",
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
@@ -76,7 +76,7 @@ PLANTS = {
 
 READERS = (
     "from_json",
-    "check_shape",
+    "read_as",
     "parse",
     "question",
     "_read",

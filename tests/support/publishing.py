@@ -24,17 +24,11 @@ MADE_BY_THE_HUB = ".gitattributes"
 STRICT = ("-W", "error", "-W", "ignore:Use 'content=<...>':DeprecationWarning")
 """The client's own uploads through LFS deserve the second warning."""
 
-HASTY = """
-from labyrinth_core.data import hub
-
-hub.WAITS = (0.0, 0.1, 0.2, 0.4)
-"""
-"""Shorter waits before retries."""
-UNVERIFIED = f"""
+UNVERIFIED = """
 import sys
 from pipeline.__main__ import main
 from pipeline.release import publish
-{HASTY}
+
 publish.loaded = lambda *_: ""
 sys.exit(main())
 """

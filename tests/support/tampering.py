@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -154,17 +155,15 @@ def episode_starts(rows: Rows) -> list[int]:
 
 def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
     """Return the fingerprint of rows, their pictures decoded by Pillow."""
-    digests: dict[bytes, bytes] = {}
     fingerprint = Fingerprint()
     for row in rows:
-        png = row["obs"]["bytes"]
-        if png not in digests:
-            digests[png] = picture_digest_of(png)
         numbers = tuple(row[column.name] for column in COLUMNS.numbers)
-        fingerprint.update([Row(b"", "", numbers, row["info"], digests[png])])
+        digest = picture_digest_of(row["obs"]["bytes"])
+        fingerprint.update([Row(b"", "", numbers, row["info"], digest)])
     return fingerprint.hexdigest()
 
 
+@lru_cache(20_000)  # Tests change a few pictures of the same dataset.
 def picture_digest_of(png: bytes) -> bytes:
     try:
         picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))

@@ -28,7 +28,6 @@ from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, TableFile
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.storage import File
-from pipeline.generation.table import arrow_schema
 
 MOST = 700 << 20
 """Bytes of memory beyond those of the libraries."""
@@ -140,7 +139,7 @@ def put_shard(folder: Path, columns: dict[str, Any], padding: int = 0, **options
 
 def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> None:
     """Write a table of `count` labyrinths of train, and a manifest that agrees as it can."""
-    schema = arrow_schema(TABLE_COLUMNS)
+    schema = TABLE_COLUMNS.arrow_schema()
     usual = {"split": "train", "task": "navigation", "first_row": 0}
 
     def column(field: pa.Field) -> pa.Array:
