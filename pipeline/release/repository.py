@@ -333,8 +333,9 @@ class Repository:
                 )
                 return self._required(made.oid)
             except (*hub.UNAVAILABLE, *MALFORMED) as error:
-                is_refused = hub.status_of(error) == 412
-                if hub.seconds_to_wait(error) is None and not is_refused:
+                status = hub.status_of(error)
+                is_refused = status == 412
+                if status and not is_refused and hub.seconds_to_wait(error) is None:
                     raise
                 head, found = self.landed(title, plan, parent)
                 if found:
