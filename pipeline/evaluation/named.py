@@ -19,7 +19,6 @@ from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
-from labyrinth_core.policies.record import Record
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -127,7 +126,7 @@ def _of_run(
     folder: Path,
     data: Dataset,
     trained_on: Callable[[], Dataset],
-    record: Record | None = None,
+    record: Mapping[str, Any] | None = None,
 ) -> Named:
     """Return the policy of a run, with the place of its results in the folder of the run."""
     from pipeline.evaluation.trained import show
