@@ -51,8 +51,8 @@ class Named:
 def find_policy(job: Job[EvaluateOptions]) -> Named:
     """Return the policy of the option `policy`, or of the run that the other options describe.
 
-    The folder of a run stands for the run: its results are those of the run, unless an option
-    `evaluation.*` describes the policy in another way.
+    The folder of a run, under the run's name, stands for the run: its results are those of the
+    run, unless an option `evaluation.*` describes the policy in another way.
 
     Raises:
         ConfigError: The policy or the device does not exist, or an option is not allowed.
@@ -70,9 +70,12 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
     data = job.open_dataset()  # Its error says how to make a dataset that is missing.
     policy = opened(options.policy)
-    if getattr(policy, "run", None) is not None and not described_by(options.evaluation):
-        own = partial(Dataset, policy.run.dataset, policy.run.config, policy.run.revision)
-        return _of_run(job, Path(options.policy).expanduser(), data, own)
+    folder, run = Path(options.policy).expanduser(), getattr(policy, "run", None)
+    # Under another name it is a copy, such as a download, whose results lie in `run_dir`.
+    own_folder = run is not None and folder.absolute().name == run.name
+    if own_folder and not described_by(options.evaluation):
+        trained_on = partial(Dataset, run.dataset, run.config, run.revision)
+        return _of_run(job, folder, data, trained_on)
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / RESULTS
