@@ -11,16 +11,19 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
-from labyrinth_core.benchmarks.making import Maker, StateOf, close, known_state
+from labyrinth_core.benchmarks.errors import (
+    FAILURES,
+    CertifyError,
+    EnvironmentFailure,
+    called,
+    failure,
+)
+from labyrinth_core.benchmarks.making import Maker, StateOf, close
 from labyrinth_core.benchmarks.spread import Ranges
 from labyrinth_core.benchmarks.tape import Tape
 
 Draw = Callable[[np.random.Generator], Any]
 """Returns a random action of an environment without an action space that can be sampled."""
-
-Step = tuple[Any, Any, Any, Any]
-"""The observation, the reward, and whether the episode was terminated or truncated."""
 
 ACTION_SEED = 0
 """The seed of the action sequences."""
@@ -66,16 +69,24 @@ class Protocol:
         return all(isinstance(each, IMMUTABLE) for actions in self.actions for each in actions)
 
 
-def steps_of(env: Any, actions: Iterable[Any]) -> Iterator[Step]:
-    """Yield the steps of an episode until it ends, as `Tape.play` takes them.
+def steps_of(env: Any, actions: Iterable[Any]) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """Yield what each step returns until the episode ends, without the info.
 
-    An environment may overwrite what it returned when the iteration goes on.
+    `Tape.play` takes the same steps. An environment may overwrite what it returned when the
+    iteration goes on.
+
+    Raises:
+        EnvironmentFailure: The environment fails.
     """
-    for action in actions:
-        observation, reward, terminated, truncated, _ = env.step(action)
-        yield observation, reward, terminated, truncated
-        if terminated or truncated:
-            return
+    try:
+        for action in actions:
+            observation, reward, terminated, truncated, _ = env.step(action)
+            ended = bool(terminated or truncated)
+            yield observation, reward, terminated, truncated
+            if ended:
+                return
+    except FAILURES as error:
+        raise failure(error) from error
 
 
 class Stage:
@@ -149,10 +160,10 @@ def look(
         state = 0
         try:
             for probe, (env, first, actions) in enumerate(protocol.walk(stage, seed)):
-                called(tape.begin, first)
+                tape.begin(first)
                 if not probe and protocol.state is not None:
-                    state = digest(called(lambda env=env: encode(protocol.state(env))))
-                called(tape.play, env.step, actions)
+                    state = digest(encode(called(protocol.state, env)))
+                tape.play(env.step, actions)
             waiting.append(Seen(seed, state=state))
         except EnvironmentFailure as error:
             stage.close()
@@ -181,9 +192,3 @@ def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> An
         return None
     space.seed(ACTION_SEED)
     return tuple(tuple(space.sample() for _ in range(steps)) for _ in range(probes))
-
-
-def state_function(env: Any, state: StateOf | None) -> tuple[str, StateOf] | None:
-    """Return the state function to use and its name; None if there is none."""
-    name = getattr(state, "__qualname__", type(state).__name__)
-    return known_state(env) if state is None else (name, state)

@@ -30,4 +30,9 @@ def called(function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
     except (CertifyError, EnvironmentFailure):
         raise
     except FAILURES as error:
-        raise EnvironmentFailure(f"{type(error).__name__}: {one_line(error):.200}") from error
+        raise failure(error) from error
+
+
+def failure(error: BaseException) -> EnvironmentFailure:
+    """Return an error of an environment as its failure."""
+    return EnvironmentFailure(f"{type(error).__name__}: {one_line(error):.200}")

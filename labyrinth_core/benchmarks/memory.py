@@ -123,7 +123,7 @@ def _play(
     route = None if routes is None else routes.get(seed, ())
     stage = Stage(protocol)
     try:
-        return called(_episode, stage.ready(), seed, policy, route, draw)
+        return _episode(stage.ready(), seed, policy, route, draw)
     except EnvironmentFailure as error:
         raise CertifyError(f"seed {seed}: the environment or the policy fails: {error}") from error
     finally:
@@ -135,7 +135,7 @@ def _episode(
 ) -> Played:
     rng = np.random.default_rng(seed)
     taken: list[Any] = []
-    observation, _ = env.reset(seed=seed)
+    observation = called(lambda: env.reset(seed=seed)[0])
     first, vector = encode(observation), _numbers(observation)
 
     def actions() -> Iterator[Any]:
@@ -151,7 +151,7 @@ def _episode(
 
     total = 0.0
     for observation, reward, *_ in steps_of(env, actions()):  # noqa: B007  `actions` reads it.
-        total += float(reward)
+        total += called(float, reward)
     return Played(first, vector, tuple(taken), total)
 
 

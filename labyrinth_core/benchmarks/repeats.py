@@ -13,7 +13,7 @@ import pickle
 import random
 import subprocess
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
@@ -138,21 +138,18 @@ def trace(protocol: Protocol, stage: Stage, seed: int) -> Trace:
     """Return what is seen of a seed in an environment."""
     steps: list[tuple[int, int, Leaves]] = []
     more: dict[str, Any] = {}
-
-    def play(probe: int, env: Any, first: Any, actions: Iterable[Any]) -> None:
-        steps.append((probe, 0, tuple(leaves(first, "observation"))))
-        if not probe:
-            more["space"] = repr(getattr(env, "action_space", None))
-            if protocol.state is not None:
-                more["state"] = tuple(leaves(protocol.state(env), "state"))
-        for step, seen in enumerate(steps_of(env, actions), 1):
-            parts = map(leaves, seen, ("observation", "reward", "terminated", "truncated"))
-            steps.append((probe, step, tuple(chain.from_iterable(parts))))
-
+    names = ("observation", "reward", "terminated", "truncated")
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            for probe, beginning in enumerate(protocol.walk(stage, seed)):
-                called(play, probe, *beginning)
+            for probe, (env, first, actions) in enumerate(protocol.walk(stage, seed)):
+                steps.append((probe, 0, tuple(leaves(first, names[0]))))
+                if not probe:
+                    more["space"] = called(lambda env=env: repr(getattr(env, "action_space", None)))
+                    if protocol.state is not None:
+                        more["state"] = tuple(leaves(called(protocol.state, env), "state"))
+                for step, seen in enumerate(steps_of(env, actions), 1):
+                    parts = chain.from_iterable(map(leaves, seen, names))
+                    steps.append((probe, step, tuple(parts)))
     except EnvironmentFailure as error:
         probe, step = steps[-1][:2] if steps else (0, -1)
         steps.append((probe, step + 1, (("error", str(error)),)))

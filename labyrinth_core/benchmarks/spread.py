@@ -90,10 +90,3 @@ def manhattan_distances(points: Floats) -> Floats:
     # The i-th sorted value (from 0) is above i others and below count - 1 - i.
     weights = 2.0 * np.arange(count) - (count - 1)
     return np.asarray(weights @ np.sort(points, axis=0) / (count * (count - 1) / 2), np.float64)
-
-
-def chosen(seeds: Iterable[int]) -> frozenset[int]:
-    """Return the seeds to compare, evenly chosen if there are too many."""
-    every = list(seeds)
-    places = np.linspace(0, len(every) - 1, min(len(every), MOST_SEEDS)).astype(int)
-    return frozenset(every[place] for place in places.tolist())

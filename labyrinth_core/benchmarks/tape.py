@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.encoding import encode, head_of, normalised
+from labyrinth_core.benchmarks.errors import FAILURES, failure
 
 
 class _Run(NamedTuple):
@@ -54,18 +55,26 @@ class Tape:
         Args:
             step: Takes a step of the environment.
             actions: The actions.
+
+        Raises:
+            EnvironmentFailure: A step fails, or returns what cannot be compared.
         """
         # All in one loop and in local variables: a step of CartPole takes 6 microseconds.
         array, add = np.ndarray, self._parts.append
         run, last, code, usual = self._run, object(), b"", b""
         dtype, shape, opening = run.dtype, run.shape, run.opening
         for action in actions:
-            observation, reward, terminated, truncated, _ = step(action)
+            try:
+                observation, reward, terminated, truncated, _ = step(action)
+                goes_on = terminated is truncated is False
+                ended = not goes_on and bool(terminated or truncated)
+            except FAILURES as error:
+                raise failure(error) from error
             if reward is not last:
                 code = encode(reward)
                 usual = code + b"FF)"
                 last = reward if type(reward) in (float, int) else object()
-            if terminated is truncated is False:
+            if goes_on:
                 closing = usual
             else:
                 closing = b"%s%s%s)" % (code, encode(terminated), encode(truncated))
@@ -81,7 +90,7 @@ class Tape:
                 self._add(observation, b"(", closing)
                 run = self._run
                 dtype, shape, opening = run.dtype, run.shape, run.opening
-            if terminated or truncated:
+            if ended:
                 break
 
     def _add(self, observation: Any, opening: bytes, closing: bytes) -> None:

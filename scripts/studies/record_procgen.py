@@ -8,9 +8,9 @@ r"""Record the first pictures of Procgen's levels, for `certify`.
 
 Procgen needs an older numpy than Labyrinth, so this script imports nothing but numpy, Procgen and
 `examples/record_levels.py`. The third line records what the benchmark's paper trains on, 200 easy
-and 500 hard levels of each game; the fourth the levels of openai/procgen issue 100. A level is
-drawn at random among those of its split until all have been drawn; one that is drawn again is
-recorded again, so that `certify` finds out whether it repeats. Files that are there are left out.
+and 500 hard levels of each game; the fourth the levels of openai/procgen issue 100. As there, an
+environment is made for each level. Every tenth level is begun again and recorded again, so that
+`certify` finds out whether it repeats. Files that are there are left out.
 """
 
 import argparse
