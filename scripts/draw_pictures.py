@@ -18,7 +18,7 @@ from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import default_start_and_goal, place
+from labyrinth_core.world.tasks import Placer, default_start_and_goal
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.report import report
@@ -32,7 +32,7 @@ def optimal_episode(task: Task, size: int) -> Episode:
     rng = np.random.default_rng(SEED)
     for structure in sample_structures(size, size, rng):
         try:
-            labyrinth = place(structure, *default_start_and_goal(size, size), task, rng)
+            labyrinth = Placer(rng).place(structure, *default_start_and_goal(size, size), task)
         except LabyrinthError:
             continue
         episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))

@@ -15,7 +15,7 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.dynamics import Episode, random_episode, replay
+from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.sampling import sample_structures
@@ -23,11 +23,8 @@ from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
     MAX_DRAWS,
-    change_start,
-    change_start_and_goal,
+    Placer,
     default_start_and_goal,
-    draw_start_and_goal,
-    place,
 )
 
 CELLS_PER_CHUNK = 1_638_400, 204_800
@@ -79,11 +76,12 @@ class Drawing(NamedTuple):
             LabyrinthError: The structure cannot hold the task.
         """
         if self.config.goals == "varied":
-            return draw_start_and_goal(structure, self.config.task, self.rng(split, structure))
+            return Placer(self.rng(split, structure)).any_ends(structure, self.config.task)
         start, goal = default_start_and_goal(self.config.height, self.config.width)
         if not self.config.task.rules.tiles:  # Nothing is drawn.
             return Labyrinth(structure, start, goal, self.config.task)
-        return place(structure, start, goal, self.config.task, self.rng(split, structure))
+        placer = Placer(self.rng(split, structure))
+        return placer.place(structure, start, goal, self.config.task)
 
     def holds_task(self, split: str, structure: Structure) -> bool:
         """Return whether a structure can hold the task, also with another start and goal.
@@ -95,8 +93,8 @@ class Drawing(NamedTuple):
             return True
         try:
             labyrinth = self.labyrinth(split, structure)
-            change_start(labyrinth, self.rng("s0", structure))
-            change_start_and_goal(labyrinth, self.rng("s0_and_g", structure))
+            Placer(self.rng("s0", structure)).other_start(labyrinth)
+            Placer(self.rng("s0_and_g", structure)).other_ends(labyrinth)
         except LabyrinthError:
             return False
         return True
@@ -176,7 +174,7 @@ class Drawing(NamedTuple):
             algorithm=config.sampler,
             open_walls=config.open_walls,
         )
-        failed = 0
+        placer, failed = Placer(rng), 0
         for structure in structures:
             if failed == MAX_DRAWS:
                 raise LabyrinthError(f"none of {failed:,} structures can hold task={config.task}")
@@ -184,9 +182,9 @@ class Drawing(NamedTuple):
             if config.bucket_of(structure) == "test":
                 try:
                     if config.goals == "varied":
-                        yield draw_start_and_goal(structure, config.task, rng)
+                        yield placer.any_ends(structure, config.task)
                     else:
-                        yield place(structure, *ends, config.task, rng)
+                        yield placer.place(structure, *ends, config.task)
                     failed = 0
                 except LabyrinthError:
                     continue
@@ -221,6 +219,6 @@ def _random_episodes(
 ) -> Iterator[Episode]:
     """Yield episodes of a random policy with `steps` steps in total; the last one is cut off."""
     while steps:
-        episode = random_episode(labyrinth, rng, steps)
+        episode = Episode.random(labyrinth, rng, steps)
         steps -= len(episode)
         yield episode

@@ -344,14 +344,13 @@ def fetched(repo_id: str, revision: str | None, most: Mapping[str, int]) -> Path
 
     try:
         commit = commit_of(repo_id, "model", revision)
-        if constants.HF_HUB_OFFLINE:
-            return snapshot_of(repo_id, "model", commit)
-        for name, limit in most.items():
+        asked: Mapping[str, int] = {} if constants.HF_HUB_OFFLINE else most
+        for name, limit in asked.items():
             with suppress(RemoteEntryNotFoundError):
                 size = size_of(name)
                 if size is not None and size > limit:
                     raise DatasetError(f"{repo_id}: {name} has {size:,} bytes, more than {limit:,}")
-        folder = download(repo_id, "model", commit, most)
+        folder = download(repo_id, "model", commit, asked)
     except DatasetError:
         raise
     except UNAVAILABLE as error:

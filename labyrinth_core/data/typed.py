@@ -51,6 +51,8 @@ Version = Annotated[str, Like(".{1,100}")]
 Address = Annotated[str, Like("(?s).{1,300}")]
 """A folder, a file, or an id on the Hub, with a revision or without."""
 Commit = Annotated[str, Like("[0-9a-f]{40}")]
+Learnt = Positive | Annotated[str, Like("fresh")] | None
+"""The number of labyrinths learnt from: None for all, `fresh` for new ones in each epoch."""
 Seed = Annotated[int, Within(0, 2**64 - 1)]
 ConfigName = Annotated[str, Like(CONFIG_NAME.pattern)]
 SplitName = Annotated[str, Like("|".join(SPLITS))]

@@ -34,7 +34,7 @@ from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.rules import STEP_LIMIT
+from labyrinth_core.world.rules import RULES
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
@@ -182,7 +182,7 @@ def compare(
     ]
     players = [(Player.of(each, seed), spec) for each, spec in policies]
     cells = dataset.height * dataset.width
-    steps = cells if within == "cells" else STEP_LIMIT * cells
+    steps = cells if within == "cells" else RULES.step_limit * cells
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE,)))
     fresh = Drawing(dataset).sample_test(rng)
     found = Comparison(0, 0, 0, 0, steps, error)

@@ -36,8 +36,6 @@ DETAILS = {
 }
 """Detail -> what it counts."""
 
-TrainLabyrinths = typed.Positive | Annotated[str, typed.Like(FRESH)] | None
-
 _DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
 
@@ -118,7 +116,7 @@ class RunName:
     encoder: typed.Word
     """The network that encodes observations; the method's name if it has its own network."""
     protocol: typed.Word
-    train_labyrinths: TrainLabyrinths = None
+    train_labyrinths: typed.Learnt = None
     """The number of labyrinths learnt from; None for all, `FRESH` for new ones in each epoch."""
     seed: typed.Seed
 

@@ -25,7 +25,7 @@ from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import STEP_LIMIT
+from labyrinth_core.world.rules import RULES
 
 STATE_BYTES = 500
 """The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
@@ -110,7 +110,7 @@ class LabyrinthArrays:
     @property
     def step_limit(self) -> int:
         """The number of steps after which an episode is cut."""
-        return STEP_LIMIT * self.cells
+        return RULES.step_limit * self.cells
 
 
 def first_place(episode: LoadedEpisode) -> Place:

@@ -15,7 +15,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import File
 from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.policies.record import SUMS, listed, read_run
+from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 
@@ -64,8 +64,11 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
     folder = located(source, revision)
-    read_run(folder)  # Compares the weights with the record, if there is one.
-    return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
+    record = read_run(folder)  # It compares the files with their hashes in the record.
+    policy = _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
+    if record is not None and ":" not in record["run"]["method"]:
+        policy.run = trained_run(record)
+    return policy
 
 
 def located(source: str | Path, revision: str | None) -> Path:

@@ -21,8 +21,8 @@ from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
-from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, WEIGHTS
+from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 
 _KINDS = ((WEIGHTS, CONFIG), (GRAPH,))
 """The files of each kind of policy, the weights first."""
@@ -101,12 +101,7 @@ is a class or a function without required arguments |
     files = files_of(source, revision)
     origin = files.origin()
     policy = open_files(files.paths, name)
-    policy.origin, policy.run = origin, None
-    if files.commit is None and GRAPH not in files.paths:
-        folder = files.paths[CONFIG].parent
-        record = read_run(folder)
-        if record is not None and ":" not in record["run"]["method"]:
-            policy.run = trained_run(folder)
+    policy.origin = origin
     return policy
 
 
@@ -177,8 +172,9 @@ def _on_hub(source: str, revision: str | None) -> PolicyFiles:
 def _in_folder(place: Path) -> dict[str, Path]:
     """Return the files of a policy by name: those in a folder, or a single ONNX graph."""
     if place.is_dir():
-        read_run(place)  # Says what to do with a run of an earlier version.
         held = {path.name for path in place.iterdir()}
+        if RECORD in held and not held.intersection((WEIGHTS, GRAPH)):
+            read_run(place)  # It says what to do with a run of an earlier version.
         return {name: place / name for name in _kind(str(place), held)}
     if place.suffix != ".onnx":
         raise DatasetError(

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import Epoch, TrainedRun, Training, TrainLabyrinths
+from labyrinth_core.evaluation.description import TrainedRun, Training
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
 
@@ -29,7 +29,7 @@ class MadeBy(TypedDict):
     encoder: typed.Word
     observation: Literal["image", "vector"]
     protocol: typed.Word
-    train_labyrinths: TrainLabyrinths
+    train_labyrinths: typed.Learnt
     seed: typed.Seed
     settings: Mapping[typed.Word, Any]
     config: typed.ConfigName
@@ -43,7 +43,7 @@ class Record(Training):
 
     format: Literal[2]
     run: MadeBy
-    history: list[Epoch]
+    history: list[Mapping[str, Any]]
     """The metrics of each epoch."""
     files: Mapping[typed.Word, typed.Sha256]
     """Name -> SHA-256 of the other files, among them the weights."""
@@ -87,15 +87,8 @@ def read_run(folder: Path) -> Record | None:
     return content
 
 
-def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
-    """Return the training run in a folder, as results describe it; its policy runs on `device`.
-
-    Raises:
-        DatasetError: The folder holds no finished run, or one of its files is damaged.
-    """
-    record = read_run(folder)
-    if record is None:
-        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+def trained_run(record: Record, device: str = "cpu") -> TrainedRun:
+    """Return a training run as results describe it; its policy runs on `device`."""
     made: Mapping[str, Any] = record["run"]
     shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
     return TrainedRun(

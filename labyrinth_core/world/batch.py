@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import GOAL_REWARD, STEP_PENALTY, Action, Look, State, Task
+from labyrinth_core.world.rules import RULES, Action, Look, State, Task
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import DIAGONALS, UNREACHABLE, Structure, digits
 
@@ -224,7 +224,7 @@ class Tables:
             rewards[cell::cells] = labyrinth.reward(State(cell))
             terminal[cell::cells] = labyrinth.is_terminal(State(cell))
         if normalised:
-            rewards[labyrinth.goal :: cells] += (solver.moves - 1) * STEP_PENALTY / cells
+            rewards[labyrinth.goal :: cells] += (solver.moves - 1) * RULES.step_penalty / cells
         arrays = (
             np.array(solver.table, np.int32),
             rewards,
@@ -254,10 +254,10 @@ class Tables:
         distances = distances_from(onward.reshape(-1, 4), goal + cells * np.arange(count))
         after = distances[onward]
         distances = distances.reshape(count, cells)
-        rewards = np.full((count, cells), -STEP_PENALTY / cells)
-        rewards[:, goal] = GOAL_REWARD
+        rewards = np.full((count, cells), -RULES.step_penalty / cells)
+        rewards[:, goal] = RULES.goal_reward
         if normalised:
-            rewards[:, goal] += (distances[:, start] - 1) * STEP_PENALTY / cells
+            rewards[:, goal] += (distances[:, start] - 1) * RULES.step_penalty / cells
         terminal = np.zeros((count, cells), np.bool_)
         terminal[:, goal] = True
         optimal = after == distances[:, :, None] - 1

@@ -35,6 +35,21 @@ class Episode:
         self.actions.setflags(write=False)
         self.rewards.setflags(write=False)
 
+    @classmethod
+    def random(cls, labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
+        """Return an episode of uniformly random actions, truncated after `max_steps`.
+
+        Raises:
+            ValueError: `max_steps` is not a non-negative integer.
+        """
+        actions = rng.integers(4, size=whole("max_steps", max_steps, 0)).tolist()
+        states = [labyrinth.initial]
+        for action in actions:
+            states.append(labyrinth.transition(states[-1], action))
+            if labyrinth.is_terminal(states[-1]):
+                break
+        return _episode(labyrinth, states, actions[: len(states) - 1])
+
     def __len__(self) -> int:
         """Return the number of moves."""
         return len(self.actions)
@@ -61,21 +76,6 @@ def replay(labyrinth: Labyrinth, actions: Iterable[int]) -> Episode:
         states.append(labyrinth.transition(states[-1], action))
         taken.append(action)
     return _episode(labyrinth, states, taken)
-
-
-def random_episode(labyrinth: Labyrinth, rng: np.random.Generator, max_steps: int) -> Episode:
-    """Return an episode of uniformly random actions, truncated after `max_steps`.
-
-    Raises:
-        ValueError: `max_steps` is not a non-negative integer.
-    """
-    actions = rng.integers(4, size=whole("max_steps", max_steps, 0)).tolist()
-    states = [labyrinth.initial]
-    for action in actions:
-        states.append(labyrinth.transition(states[-1], action))
-        if labyrinth.is_terminal(states[-1]):
-            break
-    return _episode(labyrinth, states, actions[: len(states) - 1])
 
 
 def _episode(labyrinth: Labyrinth, states: list[State], actions: list[int]) -> Episode:

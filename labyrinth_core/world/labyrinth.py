@@ -8,10 +8,7 @@ from functools import cached_property
 
 from labyrinth_core.checks import whole
 from labyrinth_core.world.rules import (
-    GOAL_REWARD,
-    ICE_REWARD,
-    STEP_LIMIT,
-    STEP_PENALTY,
+    RULES,
     TILES,
     LabyrinthError,
     Look,
@@ -144,15 +141,15 @@ class Labyrinth:
     def reward(self, state: State) -> float:
         """Return the reward of the step that led to `state`."""
         if state.agent == self.goal:
-            return GOAL_REWARD
+            return RULES.goal_reward
         if state.agent in self.ice:
-            return ICE_REWARD
-        return -STEP_PENALTY / self.structure.cells
+            return RULES.ice_reward
+        return -RULES.step_penalty / self.structure.cells
 
     @property
     def step_limit(self) -> int:
         """The number of steps after which an episode is truncated."""
-        return STEP_LIMIT * self.structure.cells
+        return RULES.step_limit * self.structure.cells
 
     @property
     def state_count(self) -> int:

@@ -143,12 +143,17 @@ class Look(StrEnum):
     THIN_WALLS = "thin_walls"
 
 
-GOAL_REWARD = 1.0
-ICE_REWARD = -100.0
-STEP_PENALTY = 0.1
-"""The cost of a step that does not end on the goal, before division by the number of cells."""
-STEP_LIMIT = 40
-"""The number of steps per cell after which an episode is truncated; its return is then -4."""
+class _Numbers(NamedTuple):
+    goal_reward: float = 1.0
+    ice_reward: float = -100.0
+    step_penalty: float = 0.1
+    """The cost of a step that does not end on the goal, before division by the number of cells."""
+    step_limit: int = 40
+    """The number of steps per cell after which an episode is truncated; its return is then -4."""
+
+
+RULES = _Numbers()
+"""The numbers in the rules of every task."""
 
 
 class Action(IntEnum):

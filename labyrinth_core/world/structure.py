@@ -153,6 +153,11 @@ class Structure:
             if beside != cell:
                 yield cell, beside
 
+    def grid_distance(self, a: int, b: int) -> int:
+        """Return the number of moves between two cells if there were no walls."""
+        (row_a, column_a), (row_b, column_b) = divmod(a, self.width), divmod(b, self.width)
+        return abs(row_a - row_b) + abs(column_a - column_b)
+
     @property
     def loops(self) -> int:
         """The number of passages beyond those of a spanning tree."""

@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import RESULTS
-from labyrinth_core.policies.opening import PolicyNameError
+from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.policies.record import Record
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -107,10 +107,11 @@ def _of_options(job: Job[EvaluateOptions]) -> Named:
 
     options, trained_on = job.options, job.open_dataset
     folder = options.run_folder(job.dataset)
-    fingerprint = require_run(job, folder)
+    record = require_run(job, folder)
+    fingerprint = record["run"]["fingerprint"]
     if options.evaluate_on:
         source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
-        return _of_run(job, folder, Dataset(source, name), trained_on)
+        return _of_run(job, folder, Dataset(source, name), trained_on, record)
     data = job.open_dataset(options.first_labyrinths)
     if data.fingerprint != fingerprint:
         raise DatasetError(
@@ -118,16 +119,20 @@ def _of_options(job: Job[EvaluateOptions]) -> Named:
             f"{fingerprint:.8} and {data.fingerprint:.8}; policy={folder} evaluates it on that "
             "dataset anyway"
         )
-    return _of_run(job, folder, data, trained_on)
+    return _of_run(job, folder, data, trained_on, record)
 
 
 def _of_run(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, trained_on: Callable[[], Dataset]
+    job: Job[EvaluateOptions],
+    folder: Path,
+    data: Dataset,
+    trained_on: Callable[[], Dataset],
+    record: Record | None = None,
 ) -> Named:
     """Return the policy of a run, with the place of its results in the folder of the run."""
     from pipeline.evaluation.trained import show
 
-    shown, key = show(job, folder, data)
+    shown, key = show(job, folder, data, record)
     run, path = shown.run, folder / RESULTS
     assert run is not None  # The results are those of the run.
     if run.fingerprint != data.fingerprint:

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player
@@ -16,17 +15,23 @@ from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
-from labyrinth_core.policies.record import read_run, trained_run
+from labyrinth_core.policies.opening import open_policy
+from labyrinth_core.policies.record import Record, read_run, trained_run
 from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions
-from pipeline.training.checkpoint import options_of, read_policy, require_same, without_place
-from pipeline.training.methods.method import find
-from pipeline.training.train import choose_device, identify, spec_of
+from pipeline.training.identity import (
+    choose_device,
+    identify,
+    options_of,
+    require_same,
+    spec_of,
+    without_place,
+)
 
 
-def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
-    """Return the fingerprint of the dataset of a finished run that the options describe.
+def require_run(job: Job[EvaluateOptions], folder: Path) -> Record:
+    """Return the record of a finished run, which the options describe.
 
     Raises:
         DatasetError: The run is not finished, or was trained with other options.
@@ -39,27 +44,35 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> str:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
+        from pipeline.training.methods.method import find
+
         settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
         advice = ": leave the option out, or train with it first"
         require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
-    return str(about["fingerprint"])
+    return record
 
 
 @usual_defaults()
 def show(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset
+    job: Job[EvaluateOptions], folder: Path, data: Dataset, record: Record | None = None
 ) -> tuple[Evaluation, dict[str, Any]]:
     """Return the policy of a run with a dataset, on the chosen device, and the run's key.
+
+    Args:
+        job: The options.
+        folder: The folder of the run.
+        data: The dataset that it is evaluated on.
+        record: The record of the run, if it has been read.
 
     Raises:
         ConfigError: The device does not exist.
         DatasetError: The run is not finished, or damaged.
         PolicyError: The policy cannot be shown the labyrinths of the dataset.
     """
-    device, record = choose_device(job.options), read_run(folder)
-    run = trained_run(folder, device.type)
+    device, record = choose_device(job.options), record or read_run(folder)
     assert record is not None  # Else there was no run.
+    run = trained_run(record, device.type)
     key = options_of(record["run"])
     if not job.options.policy and ":" in job.options.method_name:
         return _of_users_method(job, folder, data, run, record["run"]["settings"]), key
@@ -84,6 +97,9 @@ def _of_users_method(
         run: The run.
         values: The settings of the method in the run.
     """
+    from pipeline.training.checkpoint import read_policy
+    from pipeline.training.methods.method import find
+
     options, about, spec = job.options, data.manifest.config, spec_of(job)
     method, settings = find(options.method_name, values, options.protocol)
     if options.observation == "vector":

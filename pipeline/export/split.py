@@ -16,7 +16,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.version import DEVELOPERS, __version__
-from labyrinth_core.world.rules import STEP_LIMIT
+from labyrinth_core.world.rules import RULES
 from pipeline.config.export import ExportOptions
 from pipeline.machinery.console import tracked
 
@@ -61,7 +61,7 @@ class Split:
     @property
     def step_limit(self) -> int:
         """The number of steps after which an environment truncates an episode."""
-        return STEP_LIMIT * self.manifest.config.height * self.manifest.config.width
+        return RULES.step_limit * self.manifest.config.height * self.manifest.config.width
 
     @property
     def description(self) -> str:

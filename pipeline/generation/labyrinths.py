@@ -16,9 +16,7 @@ from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
-    change_goal,
-    change_start,
-    change_start_and_goal,
+    Placer,
     tiles_matter,
 )
 
@@ -46,12 +44,12 @@ def labyrinth_and_parent(
         if (bucket := config.bucket_of(made.structure)) != kind.bucket:
             raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
         return made, parent
-    if kind.new_start and kind.new_goal:
-        return change_start_and_goal(parent, drawing.rng(split, structure)), parent
-    if kind.new_start:
-        return change_start(parent, drawing.rng(split, structure)), parent
-    if kind.new_goal:
-        return change_goal(parent, drawing.rng(split, structure)), parent
+    if kind.new_start or kind.new_goal:
+        placer = Placer(drawing.rng(split, structure))
+        if kind.new_start and kind.new_goal:
+            return placer.other_ends(parent), parent
+        moved = placer.other_start if kind.new_start else placer.other_goal
+        return moved(parent), parent
     return (replace(parent, look=kind.look) if kind.is_redrawn else parent), parent
 
 

@@ -10,7 +10,7 @@ from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import manhattan, tiles_matter
+from labyrinth_core.world.tasks import tiles_matter
 from pipeline.generation.labyrinths import NEW_STRUCTURES
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
@@ -68,7 +68,7 @@ def _relation_problems(
     elif not any(moved):
         if replace(labyrinth, look=parent.look) != parent:
             yield f"more than its look differs from its parent in {kind.parent}"
-    elif manhattan(labyrinth.start, labyrinth.goal, config.width) < (
+    elif labyrinth.structure.grid_distance(labyrinth.start, labyrinth.goal) < (
         least := _least_apart(config, kind, parent)
     ):
         yield f"start and goal are less than {least} moves apart"
@@ -82,7 +82,7 @@ def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
     # If only one of the two moves, no cell may be that far from the other.
     stays = parent.goal if kind.new_start else parent.start
     cells = {*range(parent.structure.cells)} - {parent.start, parent.goal}
-    return min(least, max(manhattan(cell, stays, config.width) for cell in cells))
+    return min(least, max(parent.structure.grid_distance(cell, stays) for cell in cells))
 
 
 def route_problems(config: DatasetConfig, split: str, solution: Solution) -> Iterator[str]:

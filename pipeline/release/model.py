@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import read_run, trained_run
+from labyrinth_core.policies.record import Record, read_run, trained_run
 from labyrinth_core.policies.spec import (
     CONFIG,
     RECORD,
@@ -95,17 +95,16 @@ def stage_policy(
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
     source = job.options.run_folder(job.dataset)
-    results, made = _results(job, commit, manifest)
+    results, made, record = _results(job, commit, manifest)
     policy = load_policy(source)
     if File(source / WEIGHTS).sha256() != made.evaluated["weights"]:
         again = "stages=evaluate makes it again"
         raise DatasetError(f"{source / RESULTS} is for other weights than {WEIGHTS}: {again}")
     for name in (WEIGHTS, CONFIG):
         shutil.copyfile(source / name, folder / name)
-    record: Any = read_run(source)
     repo_id, _ = job.options.dataset_on_hub  # The run names a folder of its own machine.
-    record["run"] |= {"dataset": repo_id, "revision": commit}
-    File(folder / RECORD).write_text(json.dumps(record, indent=1) + "\n")
+    run = {**record["run"], "dataset": repo_id, "revision": commit}
+    File(folder / RECORD).write_text(json.dumps({**record, "run": run}, indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
     File(folder / "README.md").write_text(_card(trained))
@@ -113,8 +112,8 @@ def stage_policy(
 
 def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
-) -> tuple[Results, TrainedRun]:
-    """Return the results in the folder of a run, and their description of the run."""
+) -> tuple[Results, TrainedRun, Record]:
+    """Return the results in the folder of a run, their description of the run, and its record."""
     folder = job.options.run_folder(job.dataset)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
@@ -131,10 +130,13 @@ def _results(
             f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
     results = Results.load(path, lambda _: _known(job, commit, manifest))
-    there = trained_run(folder)
+    record = read_run(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    there = trained_run(record)
     if (there.training, there.settings) != (made_by.training, made_by.settings):
         raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
-    return results, made_by
+    return results, made_by, record
 
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:

@@ -29,7 +29,7 @@ from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.policies.weights import read_tensors
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import differences
+from pipeline.training.identity import require_same, without_place
 
 INSTEAD = "choose another run_dir"
 
@@ -240,26 +240,3 @@ def read_policy(
         reason = f"{path} is not a policy of this network"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     return NetworkPolicy(network)
-
-
-def require_same(
-    thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
-) -> None:
-    """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
-    if differing := differences(options_of(actual), options_of(required)):
-        raise DatasetError(f"{thing} with {differing}{advice}")
-
-
-def without_place(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what determines a run's weights, which does not depend on where its dataset lies.
-
-    The fingerprint of the dataset says which it is.
-    """
-    return {name: value for name, value in identity.items() if name not in ("dataset", "revision")}
-
-
-def options_of(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's description with each setting under the name of its option, `method.NAME`."""
-    options = {name: value for name, value in description.items() if name != "settings"}
-    settings = description.get("settings", {})
-    return options | {f"method.{name}": value for name, value in settings.items()}

@@ -12,7 +12,6 @@ import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -33,28 +32,27 @@ from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
-from labyrinth_core.policies.record import trained_run
+from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import (
     CONFIG,
     ENCODERS,
     OWN,
     RECORD,
     WEIGHTS,
-    NetworkSpec,
     PolicySpec,
 )
-from pipeline.config.errors import ConfigError, check
+from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import each_minute, progress, say
 from pipeline.machinery.folders import followed, held, remove, within
-from pipeline.training.checkpoint import (
-    INSTEAD,
-    Progress,
-    identity_in,
+from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
+from pipeline.training.identity import (
+    choose_device,
+    identify,
     options_of,
-    save_policy,
+    spec_of,
     without_place,
 )
 from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
@@ -115,7 +113,9 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     if made is None:
         restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")
-        selected: Mapping[str, Any] = trained_run(folder).training["selected"]
+        record = read_run(folder)
+        assert record is not None  # The folder is complete.
+        selected: Mapping[str, Any] = record["selected"]
         return float(selected["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
@@ -160,21 +160,6 @@ def _train(
     return done
 
 
-def choose_device(options: TrainingOptions) -> torch.device:
-    """Set the number of threads, and return the device to compute on.
-
-    Raises:
-        ConfigError: The device does not exist.
-    """
-    if options.threads is not None:
-        torch.set_num_threads(options.threads)
-    available = torch.accelerator.is_available()
-    found = torch.accelerator.current_accelerator() if available else None
-    if options.device == "cuda" and (found is None or found.type != "cuda"):
-        raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
-    return torch.device("cpu") if found is None or options.device == "cpu" else found
-
-
 def computed_on(device: torch.device) -> dict[str, Any]:
     """Return the device, the CPU threads, and on NVIDIA's GPUs what may be rounded to TF32."""
     computed: dict[str, Any] = {"device": device.type, "threads": torch.get_num_threads()}
@@ -182,33 +167,6 @@ def computed_on(device: torch.device) -> dict[str, Any]:
         products = torch.backends.cuda.matmul.allow_tf32
         computed["tf32"] = {"convolutions": torch.backends.cudnn.allow_tf32, "products": products}
     return computed
-
-
-def identify(
-    job: Job[TrainingOptions], settings: Mapping[str, Any], fingerprint: str
-) -> dict[str, Any]:
-    """Return everything that determines the weights of a job, in plain types.
-
-    Of a user's method it has the hash of its module, but not of what that imports.
-    """
-    options = job.options
-    module, of_user, _ = options.method_name.partition(":")
-    own = getattr(import_module(module), "__file__", None) if of_user else None
-    code = {} if own is None else {"code": f"{Path(own).name} {File(Path(own)).sha256():.12}"}
-    return {
-        "method": options.method_name,
-        "encoder": options.network,
-        "observation": options.observation,
-        "protocol": options.protocol,
-        "train_labyrinths": options.train_labyrinths,
-        "seed": job.dataset.seed,
-        "settings": dict(settings),
-        "config": job.dataset.name,
-        "dataset": job.source,
-        "revision": options.revision,
-        "fingerprint": fingerprint,
-        **code,
-    }
 
 
 def loader_of(
@@ -240,12 +198,6 @@ def files_of(job: Job[TrainingOptions]) -> list[str]:
     """
     described = job.options.network in (*ENCODERS, *OWN)
     return [RECORD, WEIGHTS, *[CONFIG] * described]
-
-
-def spec_of(job: Job[TrainingOptions]) -> NetworkSpec:
-    """Return the specification of the network of a run's policy."""
-    dataset = job.dataset
-    return NetworkSpec(job.options.network, dataset.height, dataset.width, str(dataset.task))
 
 
 def prepare(

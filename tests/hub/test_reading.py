@@ -115,6 +115,17 @@ def test_errors_that_pass_are_got_over_and_others_told_in_one_line(
             assert f"what answers at {faulty.url} is not a Hub: " in refusal(asked)
 
 
+def test_a_wrong_revision_is_told_even_if_the_hub_does_not_say_which_there_are(
+    faulty: LocalHub,
+) -> None:
+    for body in (b"{}", b"null", b"<html>"):
+        faulty.faults.clear()
+        faulty.faults.answer("GET", "/refs$", status=200, body=body, times=UNLIMITED)
+        assert refusal(REPO, revision="2.0.0") == f"{REPO} has no revision 2.0.0"
+    faulty.faults.clear()
+    assert refusal(REPO, revision="2.0.0") == f"{REPO} has no revision 2.0.0, it has main"
+
+
 def test_how_long_an_answer_asks_to_wait_is_waited_unless_it_is_long(
     faulty: LocalHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -204,6 +215,11 @@ def test_a_policy_is_never_an_older_release_in_silence(
     with monkeypatch.context() as offline:
         offline.setattr(constants, "HF_HUB_OFFLINE", True)
         assert files_of(MODEL) == found
+        blob = found.paths["model.onnx"].resolve()
+        blob.write_bytes(b"odd")
+        with pytest.raises(DatasetError, match="is damaged: its content has not the hash that"):
+            files_of(MODEL)
+        blob.write_bytes(b"old")
     assert files_of(MODEL).paths["model.onnx"].read_bytes() == b"new"
     assert files_of(f"{MODEL}@{found.commit}") == found
     (tmp_path / MODEL).mkdir(parents=True)

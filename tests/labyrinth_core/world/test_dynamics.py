@@ -21,7 +21,6 @@ from support.strategies import labyrinths, structures
 from labyrinth_core.world.batch import seen_together
 from labyrinth_core.world.dynamics import (
     Episode,
-    random_episode,
     replay,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -148,7 +147,7 @@ def test_an_episode_has_one_action_and_one_reward_for_each_state_but_the_last(ac
 
 @given(labyrinths(), seeds, st.integers(0, 300))
 def test_a_random_episode_ends_at_its_first_end_or_is_cut(labyrinth, seed, max_steps):
-    episode = random_episode(labyrinth, np.random.default_rng(seed), max_steps)
+    episode = Episode.random(labyrinth, np.random.default_rng(seed), max_steps)
     assert len(episode) <= max_steps
     assert episode.terminated or len(episode) == max_steps
     assert not any(labyrinth.is_terminal(state) for state in episode.states[:-1])
@@ -158,7 +157,7 @@ def test_a_random_episode_ends_at_its_first_end_or_is_cut(labyrinth, seed, max_s
 
 def test_random_episodes_take_each_action_as_often_as_the_others():
     rng = np.random.default_rng(7)
-    firsts = [int(random_episode(ROOM, rng, 1).actions[0]) for _ in range(4000)]
+    firsts = [int(Episode.random(ROOM, rng, 1).actions[0]) for _ in range(4000)]
     counts = np.bincount(firsts, minlength=4)
     assert len(counts) == 4
     assert chi_square(counts.tolist(), [1000] * 4) < 5

@@ -23,7 +23,7 @@ from support.brute_force import simple_routes as brute_simple_routes
 from support.strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
-    random_episode,
+    Episode,
     replay,
 )
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -194,7 +194,7 @@ def test_a_limit_of_routes_or_steps_is_a_whole_number():
             with pytest.raises(ValueError, match=f"^limit={refused}"):
                 routes(Solver(labyrinth), wrong)
         with pytest.raises(ValueError, match=f"^max_steps={refused}"):
-            random_episode(labyrinth, np.random.default_rng(0), wrong)
+            Episode.random(labyrinth, np.random.default_rng(0), wrong)
 
 
 @given(structures(), st.data())

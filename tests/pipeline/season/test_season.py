@@ -107,7 +107,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         assert place.private.stat().st_mode & 0o777 == 0o700
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
-    names = ["1.json", "judged.json", "model.safetensors", "run.json", "season.json"]
+    names = ["1.json", "config.json", "judged.json", "model.safetensors", "season.json"]
     assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
@@ -129,7 +129,7 @@ def test_the_files_of_a_judgement_that_was_interrupted_are_not_published(
     (kept / "model.onnx").write_bytes(b"of another person, whose judgement was killed")
     perform("reveal")
     names = [path.name for path in (perform.place.public / "submissions" / "1").iterdir()]
-    assert sorted(names) == ["model.safetensors", "run.json"]
+    assert sorted(names) == ["config.json", "model.safetensors"]
 
 
 @pytest.mark.slow
