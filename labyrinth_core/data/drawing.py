@@ -7,7 +7,7 @@ seed would hold, without building it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from functools import lru_cache, partial
 from itertools import count, islice
 from typing import NamedTuple
 
@@ -68,12 +68,7 @@ class Drawing(NamedTuple):
         Raises:
             LabyrinthError: The structure cannot hold the task.
         """
-        if self.config.goals == "varied":
-            return draw_start_and_goal(structure, self.config.task, self.rng(split, structure))
-        start, goal = default_start_and_goal(self.config.height, self.config.width)
-        if not self.config.task.rules.tiles:  # Nothing is drawn.
-            return Labyrinth(structure, start, goal, self.config.task)
-        return place(structure, start, goal, self.config.task, self.rng(split, structure))
+        return _labyrinth(self, split, structure)
 
     def holds_task(self, split: str, structure: Structure) -> bool:
         """Return whether a structure can hold the task, also with another start and goal.
@@ -81,8 +76,11 @@ class Drawing(NamedTuple):
         Train, validation and test have the same requirement, so that they have the same
         distribution.
         """
-        if not self.config.task.rules.tiles:
+        rules = self.config.task.rules
+        if not rules.tiles:
             return True
+        if rules.needs_loops and not structure.loops:
+            return False
         try:
             labyrinth = self.labyrinth(split, structure)
             change_start(labyrinth, self.rng("s0", structure))
@@ -119,10 +117,22 @@ class Drawing(NamedTuple):
                 seen.add(structure.structure_id)
                 split = split_of(structure, self.config.buckets)
                 if only in (None, split):
-                    split = bucket_of(self.config, structure)
+                    if self.config.goals == "varied":
+                        split = bucket_of(self.config, structure)
                     if split is not None and not self.holds_task(split, structure):
                         split = None
             yield structure, split
+
+
+@lru_cache(maxsize=1)  # A structure is first asked whether it holds the task, then for all of it.
+def _labyrinth(drawing: Drawing, split: str, structure: Structure) -> Labyrinth:
+    config, rng = drawing.config, partial(drawing.rng, split, structure)
+    if config.goals == "varied":
+        return draw_start_and_goal(structure, config.task, rng())
+    start, goal = default_start_and_goal(config.height, config.width)
+    if not config.task.rules.tiles:  # Nothing is drawn.
+        return Labyrinth(structure, start, goal, config.task)
+    return place(structure, start, goal, config.task, rng())
 
 
 def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
@@ -164,6 +174,11 @@ class Solution(NamedTuple):
 
 
 def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
+    """Return the episodes of a labyrinth, as from `episodes_in`, and its shortest routes."""
+    return Solution(episodes_in(config, split, labyrinth), moves_and_routes(labyrinth))
+
+
+def episodes_in(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> list[Episode]:
     """Return the episodes of a labyrinth, in order.
 
     Args:
@@ -176,16 +191,14 @@ def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
     drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
     make_rng = partial(Drawing(config).rng, drawn_for, labyrinth.structure, ACTING)
     if split == "random":
-        episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-    elif config.noise:
-        episodes = [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
-    elif config.solutions == "shortest":
-        episodes = [replay(labyrinth, shortest_route(labyrinth, make_rng))]
-    else:
-        enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
-        routes = enumerate_routes(labyrinth, config.solutions_limit)
-        episodes = [replay(labyrinth, route) for route in routes]
-    return Solution(episodes, moves_and_routes(labyrinth))
+        return list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+    if config.noise:
+        return [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
+    if config.solutions == "shortest":
+        return [replay(labyrinth, shortest_route(labyrinth, make_rng))]
+    enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
+    routes = enumerate_routes(labyrinth, config.solutions_limit)
+    return [replay(labyrinth, route) for route in routes]
 
 
 def _random_episodes(

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import draw_labyrinths, solve
+from labyrinth_core.data.drawing import draw_labyrinths, episodes_in
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.vector import tile_count, vector_observations
 from labyrinth_core.world.batch import Labyrinths
@@ -85,7 +85,7 @@ class Demonstrated:
         for train, (config, labyrinths) in enumerate(sets):
             batches.append(Labyrinths.of(labyrinths))
             for labyrinth in labyrinths:
-                for episode in solve(config, "train", labyrinth).episodes:
+                for episode in episodes_in(config, "train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
                         place = train, number, state_index(labyrinth, state)

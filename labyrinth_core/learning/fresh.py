@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import draw_labyrinths, solve
+from labyrinth_core.data.drawing import draw_labyrinths, episodes_in
 from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.learning.learner import Problem
@@ -54,8 +54,10 @@ class FreshLabyrinths:
 
         def routes(split: str) -> list[list[NDArray[np.int64]]]:
             """Return the actions of the episodes of each labyrinth."""
-            episodes = (solve(config, split, each).episodes for each in drawn)
-            return [[each.actions.astype(np.int64) for each in of_one] for of_one in episodes]
+            return [
+                [episode.actions.astype(np.int64) for episode in episodes_in(config, split, each)]
+                for each in drawn
+            ]
 
         def exploration() -> Steps:
             walks = routes("random")

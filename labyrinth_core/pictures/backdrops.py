@@ -6,7 +6,7 @@ of a picture in which it differs from its scene.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -102,6 +102,28 @@ class Backdrops:
             for code in (KEY, OPEN_DOOR):
                 self._add_squares(code, squares(style, code))
         self._colours = bands.rounded(self._sums)
+
+    @classmethod
+    def joined(cls, parts: Iterable[tuple[int, Backdrops]], count: int) -> Backdrops:
+        """Return the scenes of all parts as one, from which states are drawn in one go.
+
+        Args:
+            parts: The index of each part's first scene, and the part; at least one.
+            count: The number of scenes of all parts.
+        """
+        whole = cls.__new__(cls)
+        for first, part in parts:
+            if not first:
+                whole._count, whole._bands = count, part._bands
+                whole._width, whole._palette = part._width, part._palette
+                whole._codes, whole._sums, whole._colours = (
+                    np.empty((count, *each.shape[1:]), each.dtype)
+                    for each in (part._codes, part._sums, part._colours)
+                )
+            own = slice(first, first + len(part))
+            whole._codes[own], whole._sums[own] = part._codes, part._sums
+            whole._colours[own] = part._colours
+        return whole
 
     def __len__(self) -> int:
         """Return the number of scenes."""

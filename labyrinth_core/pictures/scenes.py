@@ -237,7 +237,8 @@ class KeptScenes:
         vectors = initial_vectors(structures, labyrinths.tiles, labyrinths.ground)
         scenes = Scenes(*shape, labyrinths.task, vectors[which], phase > 0, phase > 1)
         style = style_for(labyrinths.look, *shape, wall_pixels)
-        self._backdrops = list(backdrops_of(scenes, image_size, style, resize))
+        parts = backdrops_of(scenes, image_size, style, resize)
+        self._backdrops = Backdrops.joined(parts, len(which))
 
     def draw(self, which: Numbers, states: Numbers) -> Pictures:
         """Return the pictures of N states; the arguments are those of `draw_many`."""
@@ -246,7 +247,7 @@ class KeptScenes:
         if self._phases > 1:  # An agent on the key's cell hides the key.
             gone = np.maximum(phase, agents == self._tiles[which, 2])
         pictures = np.empty((len(states), self._size, self._size, 3), np.uint8)
-        _fill(pictures, self._backdrops, which * self._phases + gone, agents, phase == 1)
+        self._backdrops.draw(pictures, which * self._phases + gone, agents, phase == 1)
         return pictures
 
 

@@ -114,19 +114,22 @@ def transition_table(labyrinth: Labyrinth) -> list[Moves]:
     Rows of impossible states are meaningless: on a closed door, or on the key without holding it.
     """
     moves, cells = labyrinth.structure.moves, labyrinth.structure.cells
-    if labyrinth.door is None:
+    key, door = labyrinth.key, labyrinth.door
+    if key is None or door is None:
         return moves
-    table = []
-    for index in range(state_count(labyrinth)):
-        after = moves[index % cells]
-        if labyrinth.door in after or labyrinth.key in after:
-            state = state_at(labyrinth, index)
-            up, right, down, left = (
-                state_index(labyrinth, transition(labyrinth, state, action)) for action in range(4)
-            )
-        else:  # Nothing but the cell changes.
-            up, right, down, left = (cell + index - index % cells for cell in after)
-        table.append((up, right, down, left))
+    # Where the agent steps neither on the key nor through the door, only its cell changes.
+    table = [
+        (up + others, right + others, down + others, left + others)
+        for others in range(0, state_count(labyrinth), cells)
+        for up, right, down, left in moves
+    ]
+    beside = {key, door, *moves[key], *moves[door]}
+    for index in [*beside, *(cell + cells for cell in beside)]:
+        state = state_at(labyrinth, index)
+        up, right, down, left = (
+            state_index(labyrinth, transition(labyrinth, state, action)) for action in range(4)
+        )
+        table[index] = up, right, down, left
     return table
 
 
