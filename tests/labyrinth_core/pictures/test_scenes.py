@@ -9,15 +9,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
+from labyrinth_core.pictures.backdrops import Backdrops
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
-from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures.scenes import KeptScenes, draw
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import State, initial, state_at, state_count
 from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 looks = st.sampled_from(Look)
+DRAW = Backdrops.draw
 image_sizes = st.integers(1, 130) | st.sampled_from([224, 299, 401, 600])
 
 
@@ -66,6 +69,23 @@ def test_many_pictures_are_those_of_each_labyrinth_alone(task):
     each = [[(own, state_at(own, number)) for number in range(16)] for own in sampled]
     several = draw([view for views in each for view in views], 120)
     np.testing.assert_array_equal(several, np.concatenate([draw(views, 120) for views in each]))
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
+def test_kept_scenes_show_any_states_in_one_go(task, monkeypatch):
+    rng = np.random.default_rng(0)
+    sampled = [sample_labyrinth(4, 4, task, rng) for _ in range(5)]
+    parts = []
+    monkeypatch.setattr("labyrinth_core.pictures.backdrops.SUMS_BYTES", 2**17)
+    monkeypatch.setattr(
+        Backdrops, "draw", lambda self, *given: parts.append(self) or DRAW(self, *given)
+    )
+    which = rng.integers(len(sampled), size=40)
+    states = rng.integers(state_count(sampled[0]), size=len(which))
+    seen = KeptScenes(Labyrinths.of(sampled), 30).draw(which, states)
+    assert len(parts) == 1
+    views = zip([sampled[each] for each in which], states.tolist(), strict=True)
+    assert_plain(seen, [(labyrinth, state_at(labyrinth, state)) for labyrinth, state in views])
 
 
 @given(labyrinths(), st.integers(1, 600), st.data())
