@@ -20,6 +20,7 @@ from labyrinth_core.pictures.backdrops import (
     Pictures,
     Scenes,
     backdrops_of,
+    memory_of_scene,
 )
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter, Style, style_for
@@ -239,6 +240,21 @@ class KeptScenes:
         style = style_for(labyrinths.look, *shape, wall_pixels)
         parts = backdrops_of(scenes, image_size, style, resize)
         self._backdrops = Backdrops.joined(parts, len(which))
+
+    @staticmethod
+    def memory_of(
+        labyrinths: Labyrinths,
+        image_size: int,
+        *,
+        wall_pixels: int | None = None,
+        resize: str = "area",
+    ) -> int:
+        """Return the bytes that the scenes take; the arguments are those of `draw_many`."""
+        height, width = labyrinths.structures.height, labyrinths.structures.width
+        thickness = style_for(labyrinths.look, height, width, wall_pixels).wall_pixels
+        phases = labyrinths.task.rules.phases
+        of_one = memory_of_scene(height, width, thickness, image_size, resize, phases)
+        return len(labyrinths) * phases * of_one
 
     def draw(self, which: Numbers, states: Numbers) -> Pictures:
         """Return the pictures of N states; the arguments are those of `draw_many`."""

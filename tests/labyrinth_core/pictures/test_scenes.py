@@ -88,6 +88,13 @@ def test_kept_scenes_show_any_states_in_one_go(task, monkeypatch):
     assert_plain(seen, [(labyrinth, state_at(labyrinth, state)) for labyrinth, state in views])
 
 
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
+def test_the_memory_of_kept_scenes_is_known_before_they_are_drawn(task):
+    some = Labyrinths.of([sample_labyrinth(5, 5, task, np.random.default_rng(0))] * 2)
+    drawn = vars(KeptScenes(some, 64)._backdrops)
+    assert KeptScenes.memory_of(some, 64) == drawn["_sums"].nbytes + drawn["_colours"].nbytes
+
+
 @given(labyrinths(), st.integers(1, 600), st.data())
 @settings(max_examples=25)
 def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
