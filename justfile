@@ -21,6 +21,7 @@ check:
 bench:
     python scripts/benchmark_build.py --quick
     python scripts/benchmark_load.py --quick
+    python scripts/benchmark_certify.py --quick
 
 # Run the benchmark beside MiniGrid, which needs an environment of its own
 bench-beside:

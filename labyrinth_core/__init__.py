@@ -36,28 +36,28 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.pictures.renderer import render as render
     from labyrinth_core.policies.load import load_policy as load_policy
     from labyrinth_core.policies.opening import open_policy as open_policy
-    from labyrinth_core.world.dynamics import Action as Action
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
-    from labyrinth_core.world.labyrinth import LabyrinthError as LabyrinthError
-    from labyrinth_core.world.labyrinth import Structure as Structure
-    from labyrinth_core.world.labyrinth import Task as Task
+    from labyrinth_core.world.rules import Action as Action
+    from labyrinth_core.world.rules import LabyrinthError as LabyrinthError
+    from labyrinth_core.world.rules import Task as Task
     from labyrinth_core.world.solver import optimal_actions as optimal_actions
     from labyrinth_core.world.solver import shortest_route as shortest_route
+    from labyrinth_core.world.structure import Structure as Structure
     from labyrinth_core.world.tasks import sample_labyrinth as sample_labyrinth
 
 
 _HOMES = {
-    "Action": "world.dynamics",
+    "Action": "world.rules",
     "Dataset": "data.datasets",
     "DatasetError": "data.errors",
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
-    "LabyrinthError": "world.labyrinth",
+    "LabyrinthError": "world.rules",
     "LabyrinthSyntaxError": "language.source_text",
     "PolicyError": "evaluation.answers",
     "Selection": "data.datasets",
-    "Structure": "world.labyrinth",
-    "Task": "world.labyrinth",
+    "Structure": "world.structure",
+    "Task": "world.rules",
     "certify": "benchmarks.certification",
     "compare": "evaluation.compare",
     "dump": "language.text",

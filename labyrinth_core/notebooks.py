@@ -11,9 +11,8 @@ WIDTH = 300
 def picture(labyrinth: Any) -> tuple[bytes, dict[str, int]]:
     """Return the picture of a `Labyrinth` as PNG, and the width at which to show it."""
     from labyrinth_core.pictures.renderer import Painter
-    from labyrinth_core.world.dynamics import initial
 
-    return Painter(labyrinth).png(initial(labyrinth)), {"width": WIDTH}
+    return Painter(labyrinth).png(labyrinth.initial), {"width": WIDTH}
 
 
 def register(shell: Any) -> None:

@@ -33,8 +33,7 @@ import numpy as np
 from measuring import machine, parser_of, per_second, report, take_turns
 
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 MINIGRID = "MiniGrid-Empty-8x8-v0"
@@ -106,7 +105,7 @@ def all_states(count: int) -> Rate:
     """Return a function that measures labyrinths per second when all their states are drawn."""
     rng = np.random.default_rng(0)
     labyrinths = [sample_labyrinth(5, 5, Task.NAVIGATION, rng) for _ in range(count)]
-    views = [[(each, state_at(each, number)) for number in range(25)] for each in labyrinths]
+    views = [[(each, each.state_at(number)) for number in range(25)] for each in labyrinths]
 
     def work() -> int:
         for of_one in views:

@@ -15,10 +15,10 @@ from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import LabyrinthError, Task
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_route
-from labyrinth_core.world.tasks import default_start_and_goal, place
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.tasks import Placer, default_start_and_goal
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.report import report
@@ -32,10 +32,10 @@ def optimal_episode(task: Task, size: int) -> Episode:
     rng = np.random.default_rng(SEED)
     for structure in sample_structures(size, size, rng):
         try:
-            labyrinth = place(structure, *default_start_and_goal(size, size), task, rng)
+            labyrinth = Placer(rng).place(structure, *default_start_and_goal(size, size), task)
         except LabyrinthError:
             continue
-        episode = replay(labyrinth, shortest_route(labyrinth, rng))
+        episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
         if len(episode) >= 2 * size:
             return episode
     raise AssertionError("the sampler never ends")

@@ -53,9 +53,9 @@ import PIL.Image  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
 from pipeline.command.composed import ALL, resolve
+from pipeline.command.stages import STAGES
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.evaluation import evaluate
 from pipeline.evaluation.options import EvaluationOptions
 from pipeline.export import stage as export

@@ -7,7 +7,8 @@ A Hub on loopback answers each call in turn with each fault, once and always. Ea
 the release or the load ends: `right`, or with the one line of its error. A load must not give other
 rows. After each release the Hub must hold the old release or the new one, whole, a tag must be on a
 right tree, and the same command must finish without the fault. Cells that break this begin with a
-word in capitals; the script counts them at the end.
+word in capitals; the script counts them at the end. After the table of a way it prints the same
+cells as letters: right, error, or the older commit.
 """
 
 from __future__ import annotations
@@ -83,9 +84,9 @@ def main() -> None:
             "HF_HOME": f"{place}/home",
             "HF_TOKEN": TOKENS["write"],
             "XDG_CACHE_HOME": f"{place}/caches",
-            "HF_HUB_DOWNLOAD_TIMEOUT": "1",
-            "HF_HUB_ETAG_TIMEOUT": "1",
-            "LABYRINTH_HUB_SECONDS": "1",
+            "HF_HUB_DOWNLOAD_TIMEOUT": "2",
+            "HF_HUB_ETAG_TIMEOUT": "2",
+            "LABYRINTH_HUB_SECONDS": "2",
         }
         with LocalHub(Path(place, "hub")) as hub:
             os.environ["HF_ENDPOINT"] = hub.url
@@ -182,7 +183,9 @@ class Table:
             calls = Counter((each.method, pattern_of(each.path)) for each in asked)
             print(f"\n## {way}: {len(calls)} kinds of calls\n")
             print("| call | fault | once | always |\n|---|---|---|---|")
+            letters: dict[str, list[str]] = {}
             for (method, path), count in calls.items():
+                short = path.replace("/api/datasets/user/labyrinth", "").replace(HASH, "*")[:-1]
                 for name, fault in FAULTS.items():
                     if only_call not in f"{method} {path}" or only_fault not in name:
                         continue
@@ -190,8 +193,11 @@ class Table:
                     if way == "release" and 1 < count < 4:  # Also the last of them.
                         hows.append({"times": 1, "skip": count - 1})
                     cells = [self.cell(way, right, fault, method, path, how) for how in hows]
-                    short = path.replace("/api/datasets/user/labyrinth", "").replace(HASH, "*")
-                    print(f"| {method} {short[:-1]} | {name} | {' | '.join(cells)} |", flush=True)
+                    print(f"| {method} {short} | {name} | {' | '.join(cells)} |", flush=True)
+                    told = "".join("o" if cell[:9] == "the older" else cell[0] for cell in cells)
+                    letters.setdefault(f"{method} {short}", []).append(told)
+            width = max(map(len, letters), default=0)
+            print("\n".join(["", *(f"{c:{width}} {' '.join(own)}" for c, own in letters.items())]))
         print()
         for end, count in sorted(self.ends.items()):
             print(f"{count:5} {end}")

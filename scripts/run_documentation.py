@@ -41,8 +41,8 @@ from hydra.core.override_parser.types import IntervalSweep, Override
 
 from pipeline.command.command_line import HYDRA, parsed, register
 from pipeline.command.composed import options_of, resolve
+from pipeline.command.method import CONF
 from pipeline.command.texts import as_given, quote_texts
-from pipeline.config.method import CONF
 
 ROOT = Path(__file__).parents[1]
 CLONE = ("run.py", "scripts", "examples", "constraints.txt")

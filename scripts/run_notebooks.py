@@ -104,7 +104,7 @@ def main() -> int:
     os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
     # `datasets` draws bars only for data that is not in its cache yet.
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
-    paths = sorted(EXAMPLES.glob("*.ipynb"))
+    paths = sorted(EXAMPLES.glob("*.ipynb"), reverse=True)  # The longest one first.
     works = True
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         for line, each in pool.map(partial(run, write=options.write), paths):

@@ -16,11 +16,10 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS
-from pipeline.config.dataset import DatasetOptions
+from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
+from pipeline.command.dataset import DatasetOptions
 from pipeline.config.export import EXPORTS, ExportOptions
-from pipeline.config.method import METHODS, target_of
-from pipeline.config.option import declared
+from pipeline.config.training import METHODS, target_of
 from pipeline.training.methods.method import find
 
 ROOT = Path(__file__).parents[1]

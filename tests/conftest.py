@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from support.making import Run, build_dataset, run_of
 
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 settings.register_profile(
     "house",
@@ -48,6 +48,7 @@ def pytest_configure(config: pytest.Config) -> None:
         settings.load_profile("fast")
     folder = Path(tempfile.mkdtemp(prefix="labyrinth-tests-"))
     config.stash[_private] = folder
+    os.environ.setdefault("OMP_NUM_THREADS", "1")  # Tests run in parallel already.
     os.environ["HF_HUB_OFFLINE"] = "1"
     os.environ["HF_HOME"] = str(folder / "huggingface")
     os.environ["XDG_CACHE_HOME"] = str(folder / "cache")

@@ -29,8 +29,9 @@ from labyrinth_core.language.text import SETTINGS
 from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Style
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import TILES, Labyrinth, Look, Task
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, Look, Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import PLACEMENTS, sample_labyrinth
 from pipeline.generation.labyrinths import NEW_STRUCTURES
 from pipeline.generation.shard import Fingerprint, render
@@ -107,7 +108,7 @@ def test_a_task_says_what_it_needs_and_how_it_is_placed(task: Task) -> None:
 def test_a_column_of_numbers_is_in_the_fingerprint(place: int) -> None:
     rng = np.random.default_rng(0)
     labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, rng)
-    episode = replay(labyrinth, shortest_route(labyrinth, rng))
+    episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
     rows = [row for part in render("train", 0, "", [episode]) for row in part]
     numbers = list(rows[1].numbers)
     numbers[place] = not numbers[place] if NUMBERS[place].type == "bool" else numbers[place] + 1
@@ -136,12 +137,11 @@ def test_a_column_of_numbers_is_loaded(small_dataset: Run) -> None:
 WITH_A_COLUMN = """
 import sys
 from labyrinth_core.data import format
-from labyrinth_core.world.dynamics import state_index
-from labyrinth_core.world.solver import distances
+from labyrinth_core.world.solver import Solver
 
 def left(episode):
-    to_goal = distances(episode.labyrinth)
-    return [to_goal[state_index(episode.labyrinth, state)] for state in episode.states]
+    to_goal = Solver(episode.labyrinth).distances
+    return [to_goal[episode.labyrinth.state_index(state)] for state in episode.states]
 
 column = format.Column.of("steps_to_goal", "int32", "least moves to the goal", left)
 *others, info = format.COLUMNS
@@ -149,7 +149,7 @@ format.COLUMNS = (*others, column, info)
 format.NUMBERS, format.OTHERS = (*format.NUMBERS, column), (column,)
 format.arrow_schema.__defaults__ = (format.COLUMNS,)
 
-from labyrinth_core import Dataset, load_transitions
+from labyrinth_core import Dataset, load_episodes, load_transitions, stream_episodes
 from pipeline.__main__ import main
 
 folder = sys.argv.pop()
@@ -164,6 +164,10 @@ for options in ({"observation": "vector"}, {"image_size": 8, "cache_dir": f"{fol
     left = train.columns["steps_to_goal"]
     assert left.dtype == "int32" and (left[train.terminated] == 1).all()
     assert (left[:-1] - left[1:] == 1)[~train.dones[:-1]].all()
+for episodes in (load_episodes, stream_episodes):
+    for episode in episodes(folder, "3x3", observation="vector"):
+        to_goal = episode.columns["steps_to_goal"]
+        assert len(to_goal) == len(episode) + 1 and to_goal[-1] == 0
 print(Dataset(folder, "3x3").fingerprint)
 """
 

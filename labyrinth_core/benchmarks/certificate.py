@@ -13,7 +13,7 @@ from labyrinth_core.benchmarks.errors import CertifyError
 from labyrinth_core.benchmarks.figures import Figures
 from labyrinth_core.benchmarks.levels import Share
 from labyrinth_core.benchmarks.records import json_lines, parquet, rows_of
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 
 FORMAT = 1
 """The format of a certificate's JSON."""
@@ -98,7 +98,7 @@ class Certificate(Figures):
             content = parquet(head, rows)
         else:
             raise CertifyError(f"{path}: give a name that ends in .json, .md, .jsonl or .parquet")
-        write_bytes(path, content)
+        File(path).write_bytes(content)
 
 
 def _share(share: Share) -> dict[str, Any]:

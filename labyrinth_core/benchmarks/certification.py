@@ -22,16 +22,15 @@ from labyrinth_core.benchmarks.episodes import (
     Stage,
     action_sequences,
     look,
-    state_function,
 )
 from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import Maker, StateOf, close, is_nondeterministic, versions_of
+from labyrinth_core.benchmarks.making import Maker, StateOf, close, state_function, versions_of
 from labyrinth_core.benchmarks.memory import Policy, measure_memory
 from labyrinth_core.benchmarks.minari_dataset import PREFIX, certify_minari
 from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
 from labyrinth_core.benchmarks.repeats import CHECKED, check_seeds
-from labyrinth_core.benchmarks.seeds import Seeds, seeds_of, text_of
-from labyrinth_core.benchmarks.spread import Ranges, chosen
+from labyrinth_core.benchmarks.seeds import Seeds, evenly, seeds_of, text_of
+from labyrinth_core.benchmarks.spread import MOST_SEEDS, Ranges
 from labyrinth_core.language.source_text import printable
 
 CHUNK = 50
@@ -96,7 +95,8 @@ def certify(
     try:
         versions, named_state = versions_of(env), state_function(env, state)
         sequences = action_sequences(env, probes, steps, actions)
-        says_random, space = is_nondeterministic(env), getattr(env, "action_space", None)
+        says_random = getattr(getattr(env, "spec", None), "nondeterministic", False)
+        space = getattr(env, "action_space", None)
     finally:
         close(env)
     arguments: dict[str, Any] = {"environment": maker.name}
@@ -104,7 +104,7 @@ def certify(
     arguments |= {"probes": probes, "steps": steps} | ({"fresh": True} if fresh else {})
     protocol = Protocol(maker, sequences or (), named_state and named_state[1], fresh)
     job = _Job(protocol, workers, progress)
-    tried = [seed for of_split in seeds.values() for seed in _evenly(of_split, CHECKED // 2)]
+    tried = [seed for of_split in seeds.values() for seed in evenly(of_split, CHECKED // 2)]
     check = check_seeds(protocol, list(dict.fromkeys(tried)))
     reasons = dict(check.reasons)
     if sequences is None:
@@ -174,11 +174,6 @@ def _certify_records(path: Path, train: object, test: object) -> Certificate:
         checked=checked if found.again else "",
         notes=() if found.again else ("no seed was recorded twice, so none was checked",),
     )
-
-
-def _evenly(seeds: Sequence[int], count: int) -> list[int]:
-    places = np.linspace(0, len(seeds) - 1, min(len(seeds), count)).astype(int)
-    return [seeds[place] for place in places.tolist()]
 
 
 # Looking at all seeds.
@@ -258,7 +253,8 @@ def _look_at(
         CertifyError: The environment fails at all seeds of a split.
     """
     every = [*dict.fromkeys(seed for of_split in seeds.values() for seed in of_split)]
-    function = partial(_look_at_chunk, job.protocol, chosen(every))
+    compared = frozenset(evenly(every, MOST_SEEDS))
+    function = partial(_look_at_chunk, job.protocol, compared)
     numbers = np.zeros((len(MEASURES), len(every)), np.uint64)
     errors: dict[int, str] = {}
     at = 0
@@ -318,9 +314,9 @@ def _look_at_chunk(protocol: Protocol, compared: frozenset[int], seeds: tuple[in
     stage, ranges = Stage(protocol), Ranges()
     again = None
     with contextlib.redirect_stdout(io.StringIO()):
-        seen = [look(protocol, stage, seed, ranges if seed in compared else None) for seed in seeds]
+        seen = [*look(protocol, stage, seeds, ranges, compared)]
         fine = next((each for each in seen if not each.error), None)
         if fine is not None and len(seeds) > 1:
-            again = fine, look(protocol, stage, fine.seed)
+            again = fine, *look(protocol, stage, [fine.seed])
     stage.close()
     return _Chunk(seen, again, ranges.first, ranges.low, ranges.high)

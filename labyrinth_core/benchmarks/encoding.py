@@ -16,7 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.benchmarks.errors import EnvironmentFailure
+from labyrinth_core.benchmarks.errors import FAILURES, EnvironmentFailure
+from labyrinth_core.data.errors import one_line
 
 DIGEST_BYTES = 8
 SHOWN_VALUES = 8
@@ -47,7 +48,10 @@ def encode(value: Any) -> bytes:
     Raises:
         IncomparableError: Two values of this type cannot be compared.
     """
-    return _ENCODERS.get(type(value), _encode_other)(value)
+    try:
+        return _ENCODERS.get(type(value), _encode_other)(value)
+    except RecursionError as error:
+        raise IncomparableError("a value contains itself, or too many levels") from error
 
 
 def _encode_array(value: NDArray[Any]) -> bytes:
@@ -132,36 +136,65 @@ def _encode_other(value: Any) -> bytes:
     for kind, encoder in kinds.items():
         if isinstance(value, kind):
             return encoder(value)
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except FAILURES as error:
+        raise IncomparableError(f"{type(value).__qualname__}: {one_line(error):.200}") from error
     if array.dtype.kind == "O" and not isinstance(value, np.ndarray):
         raise IncomparableError(f"a value of type {type(value).__qualname__} cannot be compared")
     return _encode_array(array)
 
 
 def leaves(value: Any, name: str) -> Iterator[tuple[str, str]]:
-    """Yield the name and a short text of each part of a value, such as `observation['image']`."""
+    """Yield the name and a short text of each part of a value, such as `observation['image']`.
+
+    Two values of which `encode` returns the same have the same parts.
+
+    Raises:
+        IncomparableError: As for `encode`.
+    """
+    encode(value)
+    yield from _leaves(value, name)
+
+
+def _leaves(value: Any, name: str) -> Iterator[tuple[str, str]]:
     if isinstance(value, Mapping):
         for key in sorted(value, key=encode):
-            yield from leaves(value[key], f"{name}[{key!r}]")
+            yield from _leaves(value[key], f"{name}[{key!r}]")
+        yield name, f"{len(value)} keys"
     elif isinstance(value, tuple | list):
         for place, each in enumerate(value):
-            yield from leaves(each, f"{name}[{place}]")
+            yield from _leaves(each, f"{name}[{place}]")
         yield name, f"{len(value)} items"
+    elif isinstance(value, np.ndarray):
+        yield name, _shown_array(value)
+        yield f"{name}.dtype", str(value.dtype)
     else:
         yield name, _shown(value)
 
 
+def _shown_array(value: NDArray[Any]) -> str:
+    """Return the values of a small array of numbers, and the digest of another."""
+    if 0 < value.size <= SHOWN_VALUES and value.dtype.kind in "biufcmMSU":
+        shown = normalised(value) if value.dtype.kind in "fc" else value
+        return _shortened(str(shown.tolist()), value)
+    shape = " x ".join(map(str, value.shape))
+    return f"{value.dtype} array of {shape}, digest {digest(encode(value)):016x}"
+
+
 def _shown(value: Any) -> str:
-    code = encode(value)
-    numbers = isinstance(value, np.ndarray)
-    if numbers and value.size > SHOWN_VALUES:
-        shape = " x ".join(map(str, value.shape))
-        return f"{value.dtype} array of {shape}, digest {digest(code):016x}"
-    if isinstance(value, float) or (numbers and value.dtype.kind == "f"):
-        value = value + 0.0  # As in `encode`.
-    shown = (
-        repr(value) if isinstance(value, str | bytes) else str(value.tolist() if numbers else value)
-    )
-    text = " ".join(shown.split())
-    more = f"... digest {digest(code):016x}" if len(text) > SHOWN_LETTERS else ""
-    return text[:SHOWN_LETTERS] + more
+    """Return a value without parts as text."""
+    if isinstance(value, bool | np.bool_ | int | np.integer | None):
+        return _shortened(str(value), value)
+    if isinstance(value, float | np.floating):
+        return str(float(value) + 0.0)  # As in `encode`.
+    if isinstance(value, str | bytes):
+        return _shortened(repr(str(value) if isinstance(value, str) else bytes(value)), value)
+    return f"value with digest {digest(encode(value)):016x}"
+
+
+def _shortened(text: str, value: Any) -> str:
+    text = " ".join(text.split())
+    if len(text) <= SHOWN_LETTERS:
+        return text
+    return f"{text[:SHOWN_LETTERS]}... digest {digest(encode(value)):016x}"

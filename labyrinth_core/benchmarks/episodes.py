@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from labyrinth_core.benchmarks.errors import (
     called,
     failure,
 )
-from labyrinth_core.benchmarks.making import Maker, StateOf, close, known_state
+from labyrinth_core.benchmarks.making import Maker, StateOf, close
 from labyrinth_core.benchmarks.spread import Ranges
 from labyrinth_core.benchmarks.tape import Tape
 
@@ -26,6 +27,8 @@ Draw = Callable[[np.random.Generator], Any]
 
 ACTION_SEED = 0
 """The seed of the action sequences."""
+TAPE_BYTES = 1 << 20
+"""About how much is kept of what is seen, before it is hashed."""
 IMMUTABLE = (int, str, np.generic)
 """Types of actions that an environment cannot change."""
 
@@ -41,18 +44,16 @@ class Protocol:
     fresh: bool = False
     """Whether each episode gets a new environment."""
 
-    def walk(self, stage: Stage, seed: int) -> Iterator[tuple[int, int, Any]]:
-        """Yield the probe, the step and what is seen there, for all probes of a seed.
+    def walk(self, stage: Stage, seed: int) -> Iterator[tuple[Any, Any, Iterable[Any]]]:
+        """Yield, for each probe of a seed, the environment, its first observation and the actions.
 
-        At step 0 that is the first observation; after it the observation, the reward, and whether
-        the episode was terminated or truncated. An environment may overwrite what it returned when
-        the iteration goes on.
+        The environment is to be stepped before the iteration goes on.
 
         Raises:
             CertifyError: The environment cannot be made, or is not one of Gymnasium.
             EnvironmentFailure: The environment fails at this seed.
         """
-        for probe, actions in enumerate(self.actions or ((),)):
+        for actions in self.actions or ((),):
             env = stage.ready()
             result = called(env.reset, seed=seed)
             if not (isinstance(result, tuple) and len(result) == 2):
@@ -60,23 +61,32 @@ class Protocol:
                     f"{self.maker.name}: reset(seed=...) returns {type(result).__name__}, not "
                     "(observation, info): record it with examples/record_levels.py instead"
                 )
-            yield probe, 0, result[0]
-            for step, action in enumerate(actions, 1):
-                try:  # Not `called`, whose own time is a part of a quick step.
-                    seen, ended = stepped(
-                        env, action if isinstance(action, IMMUTABLE) else copy.copy(action)
-                    )
-                except FAILURES as error:
-                    raise failure(error) from error
-                yield probe, step, seen
-                if ended:
-                    break
+            yield env, result[0], actions if self.immutable else map(copy.copy, actions)
+
+    @cached_property
+    def immutable(self) -> bool:
+        """Whether the environment cannot change an action."""
+        return all(isinstance(each, IMMUTABLE) for actions in self.actions for each in actions)
 
 
-def stepped(env: Any, action: Any) -> tuple[tuple[Any, Any, Any, Any], bool]:
-    """Take a step; return what `Protocol.walk` yields of it, and whether the episode has ended."""
-    observation, reward, terminated, truncated, _ = env.step(action)
-    return (observation, reward, terminated, truncated), bool(terminated or truncated)
+def steps_of(env: Any, actions: Iterable[Any]) -> Iterator[tuple[Any, Any, Any, Any]]:
+    """Yield what each step returns until the episode ends, without the info.
+
+    `Tape.play` takes the same steps. An environment may overwrite what it returned when the
+    iteration goes on.
+
+    Raises:
+        EnvironmentFailure: The environment fails.
+    """
+    try:
+        for action in actions:
+            observation, reward, terminated, truncated, _ = env.step(action)
+            ended = bool(terminated or truncated)
+            yield observation, reward, terminated, truncated
+            if ended:
+                return
+    except FAILURES as error:
+        raise failure(error) from error
 
 
 class Stage:
@@ -113,33 +123,56 @@ class Seen(NamedTuple):
     """What ended the episodes, if the environment failed."""
 
 
-def look(protocol: Protocol, stage: Stage, seed: int, ranges: Ranges | None = None) -> Seen:
-    """Return what is seen of a seed.
+def look(
+    protocol: Protocol,
+    stage: Stage,
+    seeds: Iterable[int],
+    ranges: Ranges | None = None,
+    compared: Container[int] = (),
+) -> Iterator[Seen]:
+    """Yield what is seen of each seed.
 
     Args:
         protocol: How to look.
         stage: The environment.
-        seed: The seed.
-        ranges: Receives the observations.
+        seeds: The seeds.
+        ranges: Receives the observations of `compared`.
+        compared: Some of the seeds.
     """
-    tape, state = Tape(), b""
-    try:
-        for probe, step, seen in protocol.walk(stage, seed):
-            if step:
-                tape.step(seen)
+    tape, waiting, probes = Tape(), list[Seen](), len(protocol.actions) or 1
+
+    def finished() -> Iterator[Seen]:
+        found = tape.seeds(probes)
+        arrays = []
+        for seen in waiting:
+            if seen.error:
+                yield seen
                 continue
-            tape.begin(seen)
-            if not probe and protocol.state is not None:
-                state = encode(called(protocol.state, stage.env))
-    except EnvironmentFailure as error:
-        stage.close()
-        return Seen(seed, error=str(error))
-    observations = tape.end()
-    if ranges is not None:
-        ranges.add(observations)
-    first, *others = tape.first()
-    steady = all(other == first for other in others)
-    return Seen(seed, digest(first), digest(tape.all()), digest(state), steady)
+            (first, *others), everything, alike = next(found)
+            if seen.seed in compared:
+                arrays.append(alike)
+            steady = others.count(first) == len(others)
+            yield Seen(seen.seed, digest(first), digest(everything), seen.state, steady)
+        if ranges is not None:
+            ranges.add(arrays)
+
+    for seed in seeds:
+        state = 0
+        try:
+            for probe, (env, first, actions) in enumerate(protocol.walk(stage, seed)):
+                tape.begin(first)
+                if not probe and protocol.state is not None:
+                    state = digest(encode(called(protocol.state, env)))
+                tape.play(env.step, actions)
+            waiting.append(Seen(seed, state=state))
+        except EnvironmentFailure as error:
+            stage.close()
+            tape.cut(probes * sum(not seen.error for seen in waiting))
+            waiting.append(Seen(seed, error=str(error)))
+        if tape.size > TAPE_BYTES:
+            yield from finished()
+            tape, waiting = Tape(), []
+    yield from finished()
 
 
 def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> Any:
@@ -159,9 +192,3 @@ def action_sequences(env: Any, probes: int, steps: int, draw: Draw | None) -> An
         return None
     space.seed(ACTION_SEED)
     return tuple(tuple(space.sample() for _ in range(steps)) for _ in range(probes))
-
-
-def state_function(env: Any, state: StateOf | None) -> tuple[str, StateOf] | None:
-    """Return the state function to use and its name; None if there is none."""
-    name = getattr(state, "__qualname__", type(state).__name__)
-    return known_state(env) if state is None else (name, state)

@@ -90,11 +90,6 @@ def unwrapped(env: Any) -> Any:
     return getattr(env, "unwrapped", env)
 
 
-def is_nondeterministic(env: Any) -> bool:
-    """Return whether the specification says that episodes of a seed may differ."""
-    return bool(getattr(getattr(env, "spec", None), "nondeterministic", False))
-
-
 def versions_of(env: Any) -> dict[str, str]:
     """Return the versions of the packages that define an environment and its interface."""
     modules = {type(unwrapped(env)).__module__.partition(".")[0], "gymnasium", "numpy"}
@@ -109,8 +104,10 @@ def versions_of(env: Any) -> dict[str, str]:
     return found
 
 
-def known_state(env: Any) -> tuple[str, StateOf] | None:
-    """Return a name and the state function of an environment whose state is known, else None."""
+def state_function(env: Any, state: StateOf | None) -> tuple[str, StateOf] | None:
+    """Return the state function to use and its name: the one given or known; None without it."""
+    if state is not None:
+        return getattr(state, "__qualname__", type(state).__name__), state
     bases = {f"{base.__module__}:{base.__qualname__}" for base in type(unwrapped(env)).__mro__}
     if "minigrid.minigrid_env:MiniGridEnv" in bases:
         return "minigrid", _minigrid

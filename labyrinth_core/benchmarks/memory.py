@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.encoding import encode
-from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage, stepped
+from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage, steps_of
 from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.levels import Share
 
@@ -120,31 +120,38 @@ def _play(
     draw: Draw | None = None,
 ) -> Played:
     """Play one episode in a new environment: of a route if there are any, else of the policy."""
+    route = None if routes is None else routes.get(seed, ())
     stage = Stage(protocol)
-    rng = np.random.default_rng(seed)
-    taken: list[Any] = []
-    total = 0.0
     try:
-        env = stage.ready()
-        observation = called(lambda: env.reset(seed=seed)[0])
-        first, vector = encode(observation), _numbers(observation)
-        route = None if routes is None else routes.get(seed, ())
-        for step in range(LONGEST if route is None else len(route)):
-            if route is not None:
-                action = route[step]
-            elif draw is not None:
-                action = called(draw, rng)
-            elif policy is not None:
-                action = called(policy, observation)
-            taken.append(copy.deepcopy(action))
-            (observation, reward, *_), ended = called(stepped, env, action)
-            total += called(float, reward)
-            if ended:
-                break
+        return _episode(stage.ready(), seed, policy, route, draw)
     except EnvironmentFailure as error:
         raise CertifyError(f"seed {seed}: the environment or the policy fails: {error}") from error
     finally:
         stage.close()
+
+
+def _episode(
+    env: Any, seed: int, policy: Policy | None, route: Sequence[Any] | None, draw: Draw | None
+) -> Played:
+    rng = np.random.default_rng(seed)
+    taken: list[Any] = []
+    observation = called(lambda: env.reset(seed=seed)[0])
+    first, vector = encode(observation), _numbers(observation)
+
+    def actions() -> Iterator[Any]:
+        for step in range(LONGEST if route is None else len(route)):
+            if route is not None:
+                action = route[step]
+            elif draw is not None:
+                action = draw(rng)
+            elif policy is not None:
+                action = policy(observation)
+            taken.append(copy.deepcopy(action))
+            yield action
+
+    total = 0.0
+    for observation, reward, *_ in steps_of(env, actions()):  # noqa: B007  `actions` reads it.
+        total += called(float, reward)
     return Played(first, vector, tuple(taken), total)
 
 

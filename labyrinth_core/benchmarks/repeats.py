@@ -15,7 +15,7 @@ import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -24,7 +24,7 @@ from unittest import mock
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import leaves
-from labyrinth_core.benchmarks.episodes import Protocol, Stage
+from labyrinth_core.benchmarks.episodes import Protocol, Stage, steps_of
 from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.data.errors import one_line
 
@@ -53,7 +53,9 @@ class Trace:
     seed: int
     steps: tuple[tuple[int, int, Leaves], ...]
     """Probe, step, and the name and value of each part of what is seen."""
-    state: Leaves
+    state: Leaves = ()
+    space: str = ""
+    """The action space after the first reset."""
 
     @property
     def error(self) -> str:
@@ -116,6 +118,13 @@ def check_seeds(protocol: Protocol, seeds: Sequence[int]) -> Check:
         notes = _new_interpreters(protocol, seeds, once, reasons)
         if not any(note.startswith(UNCHECKED) for note in notes):
             places.append("in new interpreters")
+    spaces: dict[str, int] = {}
+    for found in once:
+        if found.space:
+            spaces.setdefault(found.space, found.seed)
+    if len(spaces) > 1:
+        each = ", ".join(f"{space:.60} at seed {seed}" for space, seed in spaces.items())
+        notes += (f"all seeds got the same actions, but the action space differs: {each}",)
     return Check(len(usable), places, reasons, notes)
 
 
@@ -128,22 +137,24 @@ def opening(found: Trace, of: int | None = None) -> tuple[tuple[int, int, Leaves
 def trace(protocol: Protocol, stage: Stage, seed: int) -> Trace:
     """Return what is seen of a seed in an environment."""
     steps: list[tuple[int, int, Leaves]] = []
-    state: Leaves = ()
+    more: dict[str, Any] = {}
     names = ("observation", "reward", "terminated", "truncated")
     try:
         with contextlib.redirect_stdout(io.StringIO()):
-            for probe, step, seen in protocol.walk(stage, seed):
-                values = seen if step else (seen,)
-                pairs = zip(values, names, strict=False)
-                parts = tuple(each for value, name in pairs for each in leaves(value, name))
-                steps.append((probe, step, parts))
-                if not probe and not step and protocol.state is not None:
-                    state = tuple(leaves(called(protocol.state, stage.env), "state"))
+            for probe, (env, first, actions) in enumerate(protocol.walk(stage, seed)):
+                steps.append((probe, 0, tuple(leaves(first, names[0]))))
+                if not probe:
+                    more["space"] = called(lambda env=env: repr(getattr(env, "action_space", None)))
+                    if protocol.state is not None:
+                        more["state"] = tuple(leaves(called(protocol.state, env), "state"))
+                for step, seen in enumerate(steps_of(env, actions), 1):
+                    parts = chain.from_iterable(map(leaves, seen, names))
+                    steps.append((probe, step, tuple(parts)))
     except EnvironmentFailure as error:
         probe, step = steps[-1][:2] if steps else (0, -1)
         steps.append((probe, step + 1, (("error", str(error)),)))
         stage.close()
-    return Trace(seed, tuple(steps), state)
+    return Trace(seed, tuple(steps), **more)
 
 
 def trace_fresh(protocol: Protocol, seed: int) -> Trace:

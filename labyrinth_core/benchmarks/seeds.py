@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 from operator import index
 
+import numpy as np
+
 from labyrinth_core.benchmarks.errors import CertifyError
 
 Seeds = range | Sequence[int] | str
@@ -51,6 +53,12 @@ def _part(text: str) -> range:
         raise ValueError(text)
     first, end, step = numbers.groups()
     return range(int(first), int(first) + 1 if end is None else int(end), int(step or 1))
+
+
+def evenly(seeds: Sequence[int], most: int) -> list[int]:
+    """Return all seeds, or so many evenly chosen ones."""
+    places = np.linspace(0, len(seeds) - 1, min(len(seeds), most)).astype(int)
+    return [seeds[place] for place in places.tolist()]
 
 
 def text_of(seeds: Sequence[int]) -> str:

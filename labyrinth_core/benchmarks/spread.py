@@ -41,16 +41,23 @@ class Ranges:
         self.low: Floats | None = None
         self.high: Floats | None = None
 
-    def add(self, observations: Iterable[NDArray[Any]]) -> None:
-        """Add the observations of a seed, in order; each array has several that are alike."""
-        tables = [
-            each.reshape(len(each), -1).astype(np.float64)
-            for each in observations
-            if 0 < each[0].size <= MOST_VALUES
-        ]
-        if len({table.shape[1] for table in tables}) == 1:
-            values = np.concatenate(tables)
-            self.join([values[0]], values.min(axis=0), values.max(axis=0))
+    def add(self, seeds: Iterable[Iterable[NDArray[Any]]]) -> None:
+        """Add the observations of some seeds, each in order; an array has several alike."""
+        found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
+        for observations in seeds:
+            tables = [
+                each.reshape(len(each), -1)
+                for each in observations
+                if 0 < each[0].size <= MOST_VALUES
+            ]
+            if len({table.shape[1] for table in tables}) == 1:
+                first, every = found.setdefault(tables[0].shape[1], ([], []))
+                first.append(tables[0][0])
+                every += tables
+        for first, every in found.values():
+            values = np.concatenate(every).T.astype(np.float64, order="C")  # Its rows are quick.
+            firsts = [*np.stack(first).astype(np.float64)]
+            self.join(firsts, values.min(axis=1), values.max(axis=1))
 
     def join(self, first: Sequence[Floats], low: Floats | None, high: Floats | None) -> None:
         """Add the first observations and the range of other seeds."""
@@ -83,10 +90,3 @@ def manhattan_distances(points: Floats) -> Floats:
     # The i-th sorted value (from 0) is above i others and below count - 1 - i.
     weights = 2.0 * np.arange(count) - (count - 1)
     return np.asarray(weights @ np.sort(points, axis=0) / (count * (count - 1) / 2), np.float64)
-
-
-def chosen(seeds: Iterable[int]) -> frozenset[int]:
-    """Return the seeds to compare, evenly chosen if there are too many."""
-    every = list(seeds)
-    places = np.linspace(0, len(every) - 1, min(len(every), MOST_SEEDS)).astype(int)
-    return frozenset(every[place] for place in places.tolist())

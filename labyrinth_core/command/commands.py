@@ -13,7 +13,7 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.data.storage import named_file, write_bytes
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
@@ -27,10 +27,12 @@ from labyrinth_core.language.source_text import (
 from labyrinth_core.language.text import dump, parse, parse_sketch
 from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
-from labyrinth_core.world.dynamics import Action, Episode, initial, replay
-from labyrinth_core.world.labyrinth import Labyrinth, Sketch, Structure
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.labyrinth import Labyrinth, Sketch
+from labyrinth_core.world.rules import Action
 from labyrinth_core.world.sampling import ALGORITHMS
-from labyrinth_core.world.solver import shortest_route, simple_routes
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import default_start_and_goal, sample_labyrinth
 
 COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
@@ -52,7 +54,7 @@ def _load(options: Namespace, file: str | None = None) -> Labyrinth:
 
 
 def _optimal(labyrinth: Labyrinth) -> Episode:
-    return replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(0)))
+    return replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(0)))
 
 
 def _counted(number: int, noun: str) -> str:
@@ -88,9 +90,9 @@ def _show(options: Namespace) -> int:
         status = 1
     cells = [state.agent for state in _optimal(labyrinth).states] if options.solution else []
     if options.png is not None:
-        write_bytes(named_file(options.png), _picture(labyrinth, cells))
+        File(LocalFile(options.png).target()).write_bytes(_picture(labyrinth, cells))
     if options.gif is not None:
-        write_bytes(named_file(options.gif), _moving_picture(labyrinth))
+        File(LocalFile(options.gif).target()).write_bytes(_moving_picture(labyrinth))
     if options.png is options.gif is None:
         drawing = draw_text(labyrinth, route=cells)
         if _in_colour():
@@ -123,12 +125,12 @@ def _picture(labyrinth: Labyrinth, route: list[int]) -> bytes:
     height, width = labyrinth.structure.height, labyrinth.structure.width
     most = _pictured_side(labyrinth)
     if not route:
-        return Painter(labyrinth).png(initial(labyrinth))
+        return Painter(labyrinth).png(labyrinth.initial)
     try:
         from PIL import Image, ImageDraw
     except ImportError as error:
         raise RequestError("drawing the solution needs Pillow: pip install pillow") from error
-    image = Image.fromarray(render(labyrinth, initial(labyrinth)))
+    image = Image.fromarray(render(labyrinth, labyrinth.initial))
     pencil = ImageDraw.Draw(image)
     # The grid is centred in the picture, and its lines are a twelfth of a cell thick.
     side = image.width / (most + 1 / 12)
@@ -163,8 +165,8 @@ def _solve(options: Namespace) -> int:
     routes = [_optimal(labyrinth).actions.tolist()]
     if options.all:
         limit = options.limit or ROUTES
-        routes = simple_routes(labyrinth, limit)
-        if len(routes) == limit < len(simple_routes(labyrinth, limit + 1)):
+        routes = Solver(labyrinth).simple_routes(limit)
+        if len(routes) == limit < len(Solver(labyrinth).simple_routes(limit + 1)):
             print(f"labyrinth: stopped after {_counted(limit, 'route')} (--limit)", file=sys.stderr)
     for actions in routes:
         words = " ".join(Action(action).name.lower() for action in actions)

@@ -13,7 +13,9 @@ from labyrinth_core.command.arguments import RequestError
 from labyrinth_core.language.collection import KINDS, Entry, read_collection
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 
 PROBLEMS_SHOWN = 10

@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import locked, naming
+from labyrinth_core.data.storage import LocalFile
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """Environment variable that limits all caches in a folder, in gigabytes; its default."""
@@ -94,7 +94,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     found = _read(folder, shape)
     if found is not None:
         if lock.exists():  # A process was killed just after it had made the folder.
-            with suppress(OSError), locked(lock, wait=False):
+            with suppress(OSError), LocalFile(lock).locked(wait=False):
                 pass
         return found
     size, most = math.prod(shape), _limit()
@@ -107,7 +107,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
         warnings.warn(f"writing {size / 1e9:.1f} GB of pictures to {folder}", stacklevel=4)
     folder.parent.mkdir(parents=True, exist_ok=True)
     _remove_leftovers(folder.parent)
-    with locked(lock):
+    with LocalFile(lock).locked():
         if _read(folder, shape) is None:  # No other process has made it meanwhile.
             _make_room(folder, most - size)
             _make(folder, shape, content)
@@ -197,7 +197,7 @@ def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
     _remove(temporary)  # A process that was killed may have left it.
     temporary.mkdir()
     try:
-        with naming(folder):
+        with LocalFile(folder).naming():
             _save(temporary / FRAMES, np.dtype(np.uint8), shape, frames())
             joined = joined_columns(parts)
             for name, array in joined.items():
@@ -260,5 +260,5 @@ def _remove_leftovers(folder: Path) -> None:
     for lock in folder.glob(".*.lock"):
         name = lock.name.removesuffix(".lock")
         if _NAME.fullmatch(name[1:]):
-            with suppress(OSError), locked(lock, wait=False):
+            with suppress(OSError), LocalFile(lock).locked(wait=False):
                 _remove(folder / name)

@@ -11,9 +11,9 @@ from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS, SPLI
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
-from labyrinth_core.world.tasks import check_open_walls
+from labyrinth_core.world.structure import Structure
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
@@ -103,7 +103,7 @@ class DatasetConfig:
             raise ValueError(
                 f"{self.given('noise')}: give solutions=shortest, not {self.solutions}"
             )
-        check_open_walls(self.task, self.open_walls)
+        self.task.check_open_walls(self.open_walls)
         passages = 2 * self.height * self.width - self.height - self.width
         if not 1 <= self.min_walls <= passages:
             raise ValueError(
@@ -144,6 +144,12 @@ class DatasetConfig:
         """
         values = {name: getattr(self, name) for name in _DEFAULTS}
         return {_COMMAND_LINE[n]: value for n, value in values.items() if value != _DEFAULTS[n]}
+
+    def bucket_of(self, structure: Structure) -> str | None:
+        """Return which of train, validation and test may hold a structure; None if none may."""
+        if self.goals == "fixed":
+            return structure.split(self.buckets)
+        return structure.split_at_any_ends(self.buckets)
 
     @property
     def wall_pixels(self) -> int:

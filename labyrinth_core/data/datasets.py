@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Query, Source
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
@@ -26,7 +27,7 @@ from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.world.labyrinth import Labyrinth
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -246,7 +247,7 @@ class Selection(Query):
     ) -> Transitions:
         """Return all transitions; see `load_transitions`."""
         from labyrinth_core.data.load import transitions_in
-        from labyrinth_core.data.observations import ObservationSpec
+        from labyrinth_core.pictures.observations import ObservationSpec
 
         spec = ObservationSpec(observation, image_size, draw, resize)
         return transitions_in(self, spec, cache_dir, optimal=optimal)
@@ -261,7 +262,7 @@ class Selection(Query):
     ) -> Generator[LoadedEpisode]:
         """Yield the episodes in order; see `load_episodes`."""
         from labyrinth_core.data.load import episodes_in
-        from labyrinth_core.data.observations import ObservationSpec
+        from labyrinth_core.pictures.observations import ObservationSpec
 
         return episodes_in(self, ObservationSpec(observation, image_size, draw, resize))
 
@@ -288,7 +289,7 @@ class Selection(Query):
             DatasetError: As for `load_episodes`.
         """
         from labyrinth_core.data.load import episodes_in
-        from labyrinth_core.data.observations import ObservationSpec
+        from labyrinth_core.pictures.observations import ObservationSpec
 
         spec = ObservationSpec(observation, image_size, draw, resize)
         counts = self._episodes
@@ -323,8 +324,8 @@ class Selection(Query):
         world_size: int | None = None,
     ) -> Stream[Transition]:
         """Return a stream of the transitions; see `stream_transitions`."""
-        from labyrinth_core.data.observations import ObservationSpec
         from labyrinth_core.data.stream import Order, transition_stream
+        from labyrinth_core.pictures.observations import ObservationSpec
 
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)
@@ -343,8 +344,8 @@ class Selection(Query):
         world_size: int | None = None,
     ) -> Stream[LoadedEpisode]:
         """Return a stream of the episodes; see `labyrinth_core.stream_episodes`."""
-        from labyrinth_core.data.observations import ObservationSpec
         from labyrinth_core.data.stream import Order, episode_stream
+        from labyrinth_core.pictures.observations import ObservationSpec
 
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)

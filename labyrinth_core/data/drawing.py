@@ -13,26 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.buckets import split_of
-from labyrinth_core.world.dynamics import Episode, random_episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import (
-    erring_route,
-    moves_and_routes,
-    shortest_route,
-    shortest_routes,
-    simple_routes,
-)
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
-    change_start,
-    change_start_and_goal,
+    MAX_DRAWS,
+    Placer,
     default_start_and_goal,
-    draw_start_and_goal,
-    place,
 )
 
 CELLS_PER_CHUNK = 1_638_400, 204_800
@@ -42,8 +34,21 @@ PATIENCE = 300_000
 """The number of candidates without success after which the sampler gives up."""
 
 
-PLACING, ACTING, DRAWING = 0, 1, 2
+_PLACING, _ACTING, _DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
+
+
+class Solution(NamedTuple):
+    """The episodes of one labyrinth, at least one."""
+
+    episodes: list[Episode]
+    shortest: tuple[int, int]
+    """The number of moves of a shortest route, and the number of such routes."""
+
+    @property
+    def labyrinth(self) -> Labyrinth:
+        """The labyrinth, which all episodes share."""
+        return self.episodes[0].labyrinth
 
 
 class Drawing(NamedTuple):
@@ -51,14 +56,16 @@ class Drawing(NamedTuple):
 
     config: DatasetConfig
 
-    def rng(self, split: str, structure: Structure, purpose: int = PLACING) -> np.random.Generator:
-        """Return a generator for one structure in one split, independent of all others.
+    def rng(self, split: str, structure: Structure) -> np.random.Generator:
+        """Return the generator that places start, goal and tiles of a structure in a split."""
+        return self._rng(split, structure, _PLACING)
 
-        Args:
-            split: A split of the dataset.
-            structure: The structure; its id is part of the key.
-            purpose: `PLACING` of start, goal and tiles, or `ACTING` in the labyrinth.
-        """
+    def acting_rng(self, split: str, structure: Structure) -> np.random.Generator:
+        """Return the generator for acting in the labyrinth of a structure in a split."""
+        return self._rng(split, structure, _ACTING)
+
+    def _rng(self, split: str, structure: Structure, purpose: int) -> np.random.Generator:
+        """Return a generator for one structure, split and purpose, independent of all others."""
         key = (SPLITS[split].number, int(structure.structure_id, 16), purpose)
         return np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=key))
 
@@ -83,8 +90,8 @@ class Drawing(NamedTuple):
             return False
         try:
             labyrinth = self.labyrinth(split, structure)
-            change_start(labyrinth, self.rng("s0", structure))
-            change_start_and_goal(labyrinth, self.rng("s0_and_g", structure))
+            Placer(self.rng("s0", structure)).other_start(labyrinth)
+            Placer(self.rng("s0_and_g", structure)).other_ends(labyrinth)
         except LabyrinthError:
             return False
         return True
@@ -102,7 +109,7 @@ class Drawing(NamedTuple):
             only: The only split for which it matters whether it can use a structure with its task,
                 and with any start and goal, which takes time; None for all.
         """
-        key = (number, DRAWING) if number else ()
+        key = (number, _DRAWING) if number else ()
         structures = sample_structures(
             self.config.height,
             self.config.width,
@@ -115,90 +122,109 @@ class Drawing(NamedTuple):
             split = None
             if structure.structure_id not in seen:
                 seen.add(structure.structure_id)
-                split = split_of(structure, self.config.buckets)
+                split = structure.split(self.config.buckets)
                 if only in (None, split):
                     if self.config.goals == "varied":
-                        split = bucket_of(self.config, structure)
+                        split = self.config.bucket_of(structure)
                     if split is not None and not self.holds_task(split, structure):
                         split = None
             yield structure, split
 
+    def labyrinths(self, split: str) -> Iterator[Labyrinth]:
+        """Yield the labyrinths of a split in the dataset's order, and go on beyond its length.
+
+        Their structures are distinct. The iterator ends when `PATIENCE` candidates in a row bring
+        no new one. `splits.min_walls` is not enforced: it changes validation and test, but not
+        train.
+
+        Args:
+            split: train, validation or test.
+        """
+        config = self.config
+        sizes = [max(1, each // (config.height * config.width)) for each in CELLS_PER_CHUNK]
+        seen: set[str] = set()
+        failed = 0
+        for number in count():
+            for structure, found in islice(self.candidates(number, split), sizes[number > 0]):
+                failed += 1
+                if failed > PATIENCE:
+                    return
+                if found == split and structure.structure_id not in seen:
+                    seen.add(structure.structure_id)
+                    failed = 0
+                    yield self.labyrinth(split, structure)
+
+    def sample_test(self, rng: np.random.Generator) -> Iterator[Labyrinth]:
+        """Yield random labyrinths from the distribution of a dataset's `test`, without end.
+
+        Each is drawn independently of the others and of the dataset: labyrinths of its `test` may
+        occur, those of train and validation never do. `splits.min_walls` is not enforced.
+
+        Raises:
+            LabyrinthError: None of `MAX_DRAWS` structures in a row can hold the task.
+        """
+        config = self.config
+        ends = default_start_and_goal(config.height, config.width)
+        structures = sample_structures(
+            config.height,
+            config.width,
+            rng,
+            algorithm=config.sampler,
+            open_walls=config.open_walls,
+        )
+        placer, failed = Placer(rng), 0
+        for structure in structures:
+            if failed == MAX_DRAWS:
+                raise LabyrinthError(f"none of {failed:,} structures can hold task={config.task}")
+            failed += 1
+            if config.bucket_of(structure) == "test":
+                try:
+                    if config.goals == "varied":
+                        yield placer.any_ends(structure, config.task)
+                    else:
+                        yield placer.place(structure, *ends, config.task)
+                    failed = 0
+                except LabyrinthError:
+                    continue
+
+    def solve(self, split: str, labyrinth: Labyrinth) -> Solution:
+        """Return the `episodes` of a labyrinth, and the length and number of shortest routes."""
+        solver = Solver(labyrinth)
+        return Solution(self._episodes(split, solver), solver.moves_and_routes())
+
+    def episodes(self, split: str, labyrinth: Labyrinth) -> list[Episode]:
+        """Return the episodes of a labyrinth, in order; the config selects the routes.
+
+        Args:
+            split: The split of the labyrinth; in `random` a random policy acts instead.
+            labyrinth: The labyrinth to solve.
+        """
+        return self._episodes(split, Solver(labyrinth))
+
+    def _episodes(self, split: str, solver: Solver) -> list[Episode]:
+        config, kind, labyrinth = self.config, SPLITS[split], solver.labyrinth
+        # A shift that changes only pictures uses the randomness of its parent.
+        drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
+        make_rng = partial(self.acting_rng, drawn_for, labyrinth.structure)
+        if split == "random":
+            return list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+        if config.noise:
+            return [replay(labyrinth, solver.erring_route(config.noise, make_rng()))]
+        if config.solutions == "shortest":
+            return [replay(labyrinth, solver.shortest_route(make_rng))]
+        every = solver.simple_routes if config.solutions == "all" else solver.shortest_routes
+        return [replay(labyrinth, route) for route in every(config.solutions_limit)]
+
 
 @lru_cache(maxsize=1)  # A structure is first asked whether it holds the task, then for all of it.
 def _labyrinth(drawing: Drawing, split: str, structure: Structure) -> Labyrinth:
-    config, rng = drawing.config, partial(drawing.rng, split, structure)
+    config = drawing.config
     if config.goals == "varied":
-        return draw_start_and_goal(structure, config.task, rng())
+        return Placer(drawing.rng(split, structure)).any_ends(structure, config.task)
     start, goal = default_start_and_goal(config.height, config.width)
     if not config.task.rules.tiles:  # Nothing is drawn.
         return Labyrinth(structure, start, goal, config.task)
-    return place(structure, start, goal, config.task, rng())
-
-
-def draw_labyrinths(config: DatasetConfig, split: str) -> Iterator[Labyrinth]:
-    """Yield the labyrinths of a split in the order of the dataset, and go on beyond its length.
-
-    Their structures are distinct. The iterator ends when `PATIENCE` candidates in a row bring no
-    new one. `splits.min_walls` is not enforced: it changes validation and test, but not train.
-
-    Args:
-        config: The configuration of the dataset; another seed gives other labyrinths.
-        split: train, validation or test.
-    """
-    drawing = Drawing(config)
-    sizes = [max(1, each // (config.height * config.width)) for each in CELLS_PER_CHUNK]
-    seen: set[str] = set()
-    failed = 0
-    for number in count():
-        for structure, found in islice(drawing.candidates(number, split), sizes[number > 0]):
-            failed += 1
-            if failed > PATIENCE:
-                return
-            if found == split and structure.structure_id not in seen:
-                seen.add(structure.structure_id)
-                failed = 0
-                yield drawing.labyrinth(split, structure)
-
-
-class Solution(NamedTuple):
-    """The episodes of one labyrinth, at least one."""
-
-    episodes: list[Episode]
-    shortest: tuple[int, int]
-    """The number of moves of a shortest route, and the number of such routes."""
-
-    @property
-    def labyrinth(self) -> Labyrinth:
-        """The labyrinth, which all episodes share."""
-        return self.episodes[0].labyrinth
-
-
-def solve(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
-    """Return the episodes of a labyrinth, as from `episodes_in`, and its shortest routes."""
-    return Solution(episodes_in(config, split, labyrinth), moves_and_routes(labyrinth))
-
-
-def episodes_in(config: DatasetConfig, split: str, labyrinth: Labyrinth) -> list[Episode]:
-    """Return the episodes of a labyrinth, in order.
-
-    Args:
-        config: The configuration, which selects the routes.
-        split: The split of the labyrinth; in `random` a random policy acts instead.
-        labyrinth: The labyrinth to solve.
-    """
-    kind = SPLITS[split]
-    # A shift that changes only pictures uses the randomness of its parent.
-    drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
-    make_rng = partial(Drawing(config).rng, drawn_for, labyrinth.structure, ACTING)
-    if split == "random":
-        return list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-    if config.noise:
-        return [replay(labyrinth, erring_route(labyrinth, config.noise, make_rng()))]
-    if config.solutions == "shortest":
-        return [replay(labyrinth, shortest_route(labyrinth, make_rng))]
-    enumerate_routes = simple_routes if config.solutions == "all" else shortest_routes
-    routes = enumerate_routes(labyrinth, config.solutions_limit)
-    return [replay(labyrinth, route) for route in routes]
+    return Placer(drawing.rng(split, structure)).place(structure, start, goal, config.task)
 
 
 def _random_episodes(
@@ -206,6 +232,6 @@ def _random_episodes(
 ) -> Iterator[Episode]:
     """Yield episodes of a random policy with `steps` steps in total; the last one is cut off."""
     while steps:
-        episode = random_episode(labyrinth, rng, steps)
+        episode = Episode.random(labyrinth, rng, steps)
         steps -= len(episode)
         yield episode

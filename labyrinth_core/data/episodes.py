@@ -15,15 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.world.batch import Labyrinths, replay_many
+from labyrinth_core.pictures.observations import ObservationSpec, PictureError
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import optimal_actions
+from labyrinth_core.world.solver import Solver
 
 PARSED_CELLS = 2**16
 """The cells of labyrinths that are parsed and replayed in one batch."""
@@ -137,6 +138,7 @@ class LoadedEpisode:
             self.actions.copy(),
             self.rewards.copy(),
             self.terminated,
+            {name: values.copy() for name, values in self.columns.items()},
         )
 
     def __len__(self) -> int:
@@ -162,7 +164,7 @@ class Episodes:
     which: NDArray[np.int64]
     """The index in `labyrinths` of each row's labyrinth, shape (n,)."""
     states: NDArray[np.int64]
-    """The index of each row's state, as in `dynamics.state_index`, shape (n,)."""
+    """The index of each row's state, as in `Labyrinth.state_index`, shape (n,)."""
     over: NDArray[np.bool_]
     """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
     ids: NDArray[np.int64]
@@ -195,6 +197,35 @@ class Episodes:
             self.ids[used],
         )
 
+    def observed(
+        self, spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
+    ) -> NDArray[Any]:
+        """Return the observation in each row, shape (n, ...).
+
+        Args:
+            spec: How the states are observed.
+            pictures: Output array, shape (n, image_size, image_size, 3); None for a new one.
+
+        Raises:
+            DatasetError: A picture is missing or cannot be decoded.
+        """
+        if spec.decodes:
+            pngs = self.whole.rows.pngs
+            assert pngs is not None
+            try:
+                return spec.decoded(pngs, pictures)
+            except PictureError as error:
+                raise DatasetError(f"obs: {one_line(error)}") from error
+        if spec.of_arrays:
+            return spec.look_together(self.labyrinths, self.which, self.states, pictures)
+        parsed = self.parsed()
+        seen = zip(self.which.tolist(), self.states.tolist(), strict=True)
+        looks = spec.look([(parsed[n], parsed[n].state_at(state)) for n, state in seen])
+        if pictures is None:
+            return looks
+        pictures[:] = looks
+        return pictures
+
     def parts(self, rows: int) -> Generator[Episodes]:
         """Yield consecutive groups of episodes, with about `rows` rows each."""
         number = self.whole.lasts // rows
@@ -213,12 +244,12 @@ class Episodes:
                 actions=rows.actions[first:last],
                 rewards=rows.rewards[first:last],
                 terminated=bool(self.over[last]),
-                columns={n: each[first : last + 1].copy() for n, each in rows.others.items()},
+                columns={name: of[first : last + 1] for name, of in rows.others.items()},
             )
 
     def optimal(self) -> NDArray[np.bool_]:
         """Return which actions begin a shortest route in each row, shape (n, 4)."""
-        tables = np.stack([optimal_actions(labyrinth) for labyrinth in self.parsed()])
+        tables = np.stack([Solver(labyrinth).optimal_actions() for labyrinth in self.parsed()])
         return tables[self.which, self.states]
 
 
@@ -292,7 +323,7 @@ def _together(
     # Only the last row of an episode has NO_ACTION.
     if labyrinths is None or ((actions < NO_ACTION) | (actions > 3)).any():
         return None
-    replayed = replay_many(labyrinths, which, whole.firsts, actions)
+    replayed = labyrinths.replay(which, whole.firsts, actions)
     if replayed is None:
         return None
     of_row = np.repeat(which, whole.lasts - whole.firsts + 1)

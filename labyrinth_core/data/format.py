@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.dynamics import Action, Episode
+from labyrinth_core.world.rules import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
+
+    from labyrinth_core.world.dynamics import Episode
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""

@@ -1,8 +1,8 @@
 """Calls of the Hub's client: a limit on silence, retries, errors in one line, files of one commit.
 
 A call fails after a minute without a byte. The client limits downloads itself
-(HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most other calls. It retries some calls that
-fail; `repeated` retries the others.
+(HF_HUB_DOWNLOAD_TIMEOUT, HF_HUB_ETAG_TIMEOUT), but not most other calls. It also retries some calls
+that fail, for up to 23 seconds. Within `repeated` it does not, as `repeated` retries all of them.
 
 The client answers from its cache, in silence, if the Hub refuses or is down. Readers therefore ask
 which commit a revision means (`commit_of`), which no cache answers, and read files of that commit.
@@ -11,6 +11,7 @@ which commit a revision means (`commit_of`), which no cache answers, and read fi
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import re
 import time
@@ -18,6 +19,7 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
+from contextvars import ContextVar
 from functools import partial
 from json import JSONDecodeError
 from pathlib import Path
@@ -32,6 +34,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
     RevisionNotFoundError,
 )
 from huggingface_hub.file_download import repo_folder_name
+from huggingface_hub.utils import hf_raise_for_status  # type: ignore[attr-defined]
 
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 
@@ -41,10 +44,13 @@ VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
 UNAVAILABLE = (OSError, ValueError, HTTPError, RuntimeError)
 """The client's errors for a file or repository that it cannot provide; RuntimeError is Xet's."""
 
-WAITS = (0.2, 1.0, 3.0)
+WAITS = (0.2, 1.0, 3.0, 6.0)
 """Seconds before each retry of a call, unless the answer's Retry-After asks for more."""
-LONGEST_WAIT = 60.0
-"""The longest Retry-After, in seconds, after which a call is retried."""
+LONGEST = 90.0
+"""Seconds after the first try in which the last retry begins."""
+
+_repeating = ContextVar("repeating", default=False)
+"""Whether `repeated` makes the calls of this thread, so that the client must not retry them."""
 
 COMMIT = re.compile(r"[0-9a-f]{40}")
 _CACHED = re.compile(r"(model|dataset)s--([^/]+)--([^/]+)/snapshots/([0-9a-f]{40})/(.+)")
@@ -68,17 +74,35 @@ def prepare_client() -> None:
             "the Hub token is malformed, with characters that no token has: copy it again into "
             "HF_TOKEN, or run `hf auth login`"
         )
-    session = get_session()
-    hooks = session.event_hooks
-    if _limit not in hooks["request"]:
-        session.event_hooks = hooks | {"request": [*hooks["request"], _limit]}
+    session: Any = get_session()
+    if not isinstance(session.send, partial):
+        session.send = partial(_sent, session.send)
 
 
-def _limit(request: Any) -> None:
-    """Give a request of httpx the limit, unless it has one."""
+def _sent(send: Callable[..., Any], request: Any, **options: Any) -> Any:
+    """Return the response to a request of httpx, with a time limit if it has none.
+
+    Raises:
+        HTTPError: There is no answer, or, within `repeated`, one that may pass. The client retries
+            only exceptions of other classes and responses.
+    """
     limits = request.extensions["timeout"]
     if not any(limits.values()):
         request.extensions["timeout"] = dict.fromkeys(limits, _seconds())
+    try:
+        response = send(request, **options)
+    except HTTPError as error:
+        if _repeating.get():
+            raise HTTPError(one_line(error)) from error
+        raise
+    if _repeating.get() and _may_pass(response.status_code):
+        response.read()
+        hf_raise_for_status(response)
+    return response
+
+
+def _may_pass(status: int) -> bool:
+    return status >= 500 or status in (408, 429)
 
 
 def _seconds() -> float:
@@ -92,30 +116,55 @@ def _seconds() -> float:
     return seconds
 
 
-class NotAHubError(ValueError):
-    """What answers is not a Hub, such as the page on which a hotel's network asks for a login."""
+class WrongAnswerError(ValueError):
+    """An answer that no Hub gives, or none for long.
+
+    Such as the page on which a hotel's network asks for a login, or tags without the newest one.
+    """
 
 
 def repeated(call: Callable[[], Result]) -> Result:
-    """Return the result of an idempotent call of the client, retried after errors that may pass.
+    """Return the result of an idempotent call, retried after errors that may pass.
+
+    A call within `call` is not retried by itself. An error after several tries has a note, which
+    `reason_of` prints.
 
     Raises:
-        NotAHubError: The client cannot read the answer.
+        DatasetError: `call` raises one.
+        WrongAnswerError: The client cannot read the answer.
         OSError, ValueError, HTTPError, RuntimeError: The client's other errors.
     """
-    for seconds in (*WAITS, None):
-        try:
-            return call()
-        except (*UNAVAILABLE, *MALFORMED) as error:
-            wait = seconds_to_wait(error)
-            if seconds is None or wait is None:
-                if is_not_of_a_hub(error) and not isinstance(error, NotAHubError):
-                    raise NotAHubError(
-                        f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
-                    ) from error
+    if _repeating.get():
+        return call()
+    begun, before = time.monotonic(), _repeating.set(True)
+    try:
+        for tries, pause in enumerate((*WAITS, math.inf), 1):
+            try:
+                prepare_client()  # The client starts another session after some errors.
+                return call()
+            except DatasetError:
                 raise
-        time.sleep(max(seconds, wait))
+            except (*UNAVAILABLE, *MALFORMED) as error:
+                wait, tried = seconds_to_wait(error), time.monotonic() - begun
+                if wait is None or tried + max(pause, wait) > LONGEST:
+                    failed = _readable(error)
+                    if tries > 1:
+                        failed.add_note(f"tried {tries} times in {tried:.0f} s")
+                    raise failed from failed.__cause__
+            time.sleep(max(pause, wait))
+    finally:
+        _repeating.reset(before)
     raise AssertionError
+
+
+def _readable(error: Exception) -> Exception:
+    """Return an error, or a WrongAnswerError in place of one from parsing an answer."""
+    if isinstance(error, WrongAnswerError) or not is_not_of_a_hub(error):
+        return error
+    told = f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
+    wrong = WrongAnswerError(told)
+    wrong.__cause__ = error
+    return wrong
 
 
 def seconds_to_wait(error: Exception) -> float | None:
@@ -125,17 +174,15 @@ def seconds_to_wait(error: Exception) -> float | None:
     answer that is not a Hub's.
     """
     cause, status = _cause(error), status_of(error)
-    if isinstance(error, LocalEntryNotFoundError) and not is_not_of_a_hub(error):
-        return None  # The client has retried.
     if status is None:
         was_cut = "Consistency check failed" in str(cause)
         passing = isinstance(cause, HTTPError) or was_cut or is_not_of_a_hub(error)
     else:
-        passing = status >= 500 or status in (408, 429)
+        passing = _may_pass(status)
     response = getattr(cause, "response", None)
     asked = "" if response is None else response.headers.get("retry-after", "")
     seconds = float(asked) if re.fullmatch(r"\d{1,9}", asked) else 0.0
-    return seconds if passing and seconds <= LONGEST_WAIT else None
+    return seconds if passing else None
 
 
 def _cause(error: Exception) -> Exception:
@@ -159,7 +206,7 @@ def status_of(error: Exception) -> int | None:
 def is_not_of_a_hub(error: Exception) -> bool:
     """Return whether the client failed because an answer has not the form of a Hub's."""
     cause = _cause(error)
-    if isinstance(cause, (FileMetadataError, JSONDecodeError, NotAHubError)):
+    if isinstance(cause, (FileMetadataError, JSONDecodeError, WrongAnswerError)):
         return True
     told = re.search("malformed|improperly formatted", str(cause), re.IGNORECASE)
     wrong = (LookupError, TypeError, AttributeError) if told is None else MALFORMED
@@ -174,12 +221,14 @@ def is_of_client(error: BaseException) -> bool:
 
 
 def reason_of(error: Exception) -> str:
-    """Return what the Hub answered, or why it did not, in one line."""
+    """Return what the Hub answered, or why it did not, and how long it was tried, in one line."""
     cause, status = _cause(error), status_of(error)
-    if status is not None:
-        told = getattr(cause, "server_message", None) or one_line(cause)
-        return f"the Hub answers {status}: {told.partition(' For more information')[0]:.300}"
-    return f"{one_line(cause):.300}"
+    if status is None:
+        told = one_line(cause)
+    else:
+        message = getattr(cause, "server_message", None) or one_line(cause)
+        told = f"the Hub answers {status}: {message.partition(' For more information')[0]}"
+    return " ".join([f"{told:.300}", *(f"({note})" for note in getattr(error, "__notes__", ()))])
 
 
 def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
@@ -206,7 +255,7 @@ def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
     def asked() -> str:
         commit = HfApi().repo_info(repo_id, repo_type=repo_type, revision=name).sha
         if not COMMIT.fullmatch(commit or ""):
-            raise NotAHubError(f"{constants.ENDPOINT} names no commit of {repo_id}")
+            raise WrongAnswerError(f"{constants.ENDPOINT} names no commit of {repo_id}")
         return str(commit)
 
     try:
@@ -278,6 +327,8 @@ def download(repo_id: str, repo_type: str, commit: str, names: Iterable[str]) ->
 def fetched(repo_id: str, revision: str | None, most: Mapping[str, int]) -> Path:
     """Download those files of a model that exist; return the folder they are in.
 
+    With HF_HUB_OFFLINE=1 nothing is downloaded: the folder has what was downloaded before.
+
     Args:
         repo_id: The model.
         revision: A branch, tag or commit; None for `main`.
@@ -293,12 +344,13 @@ def fetched(repo_id: str, revision: str | None, most: Mapping[str, int]) -> Path
 
     try:
         commit = commit_of(repo_id, "model", revision)
-        for name, limit in most.items():
+        asked: Mapping[str, int] = {} if constants.HF_HUB_OFFLINE else most
+        for name, limit in asked.items():
             with suppress(RemoteEntryNotFoundError):
                 size = size_of(name)
                 if size is not None and size > limit:
                     raise DatasetError(f"{repo_id}: {name} has {size:,} bytes, more than {limit:,}")
-        folder = download(repo_id, "model", commit, most)
+        folder = download(repo_id, "model", commit, asked)
     except DatasetError:
         raise
     except UNAVAILABLE as error:

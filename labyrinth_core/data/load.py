@@ -33,11 +33,11 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import OTHERS
-from labyrinth_core.data.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.data.rows import Rows
+from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import style_for
-from labyrinth_core.world.labyrinth import Look
+from labyrinth_core.world.rules import Look
 
 
 class Transition(NamedTuple):
@@ -326,7 +326,7 @@ def _observed(
             "labyrinth_ids": episodes.ids[episodes.which[steps]],
             **{name: values[steps] for name, values in rows.others.items()},
         }
-        yield spec.observe(episodes, own), columns
+        yield episodes.observed(spec, own), columns
         first = end
     if not first:
         raise DatasetError("the split has no episodes")
@@ -367,7 +367,7 @@ def load_episodes(
         draw: Whether pictures are drawn from `info` and `actions` instead of decoded from `obs`;
             both are equal, as `validate` checks.
         resize: How pictures are made smaller: "area" averages, so that no wall vanishes; "original"
-            loses walls, as the authors do (see `labyrinth_core.data.observations.RESIZES`).
+            loses walls, as the authors do (see `labyrinth_core.pictures.observations.RESIZES`).
         labyrinths: Number of labyrinths: the first of the split, or of those that match `where`;
             None for all.
         where: A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`
@@ -393,4 +393,4 @@ def episodes_of(
 ) -> Generator[LoadedEpisode]:
     """Yield the episodes of rows, as views of shared arrays; see `replayed`."""
     for episodes in _parts(rows, spec, config):
-        yield from episodes.loaded(spec.observe(episodes))
+        yield from episodes.loaded(episodes.observed(spec))

@@ -109,11 +109,11 @@ def _no_revision(source: str, revision: str | None) -> str:
     """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE
+    from labyrinth_core.data.hub import UNAVAILABLE, repeated
 
     message = f"{source} has no revision {revision}"
     try:
-        refs = HfApi().list_repo_refs(source, repo_type="dataset")
+        refs = repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
     except UNAVAILABLE:
         return message
     return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"

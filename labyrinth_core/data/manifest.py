@@ -25,7 +25,10 @@ from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
 from labyrinth_core.data.format import TABLE_COLUMNS, open_encoded
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy, read_json, write_text
+from labyrinth_core.data.storage import (
+    AnyPath,
+    File,
+)
 from labyrinth_core.language.source_text import printable
 
 if TYPE_CHECKING:
@@ -188,7 +191,7 @@ class Manifest:
         }
         if self.labyrinths is not None:
             content["labyrinths"] = asdict(self.labyrinths)
-        write_text(folder / MANIFEST, json.dumps(content, indent=2) + "\n")
+        File(folder / MANIFEST).write_text(json.dumps(content, indent=2) + "\n")
 
     @classmethod
     def read(cls, folder: AnyPath, *, renamed: bool = False, companion: str = "") -> Manifest:
@@ -205,7 +208,7 @@ class Manifest:
         """
         path = folder / MANIFEST
         try:
-            content = read_json(path)
+            content = File(path).read_json()
             _require(content, {"format": object})
             form = content["format"]
             if form in (FORMAT, FORMAT_OF_CHUNKS):
@@ -312,11 +315,11 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.
     path = folder / TABLE
     with unless_replaced(folder, manifest.table), ExitStack() as stack:
         with readable(path):
-            local = stack.enter_context(local_copy(path))
+            local = stack.enter_context(File(path).local_copy())
 
         def check() -> int:
             with readable(path):
-                digest, size = file_sha256(local), local.stat().st_size
+                digest, size = File(local).sha256(), local.stat().st_size
             if digest != manifest.table.sha256:
                 raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
             return size

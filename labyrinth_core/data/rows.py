@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
 from labyrinth_core.data.format import GROUP_BYTES, NUMBERS, OTHERS, open_encoded
 from labyrinth_core.data.manifest import Shard, mended, unless_replaced
-from labyrinth_core.data.storage import AnyPath, RemotePath, file_sha256, local_copy
+from labyrinth_core.data.storage import AnyPath, File, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -197,7 +197,7 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
     path = folder / shard.path
     with unless_replaced(folder, shard), ExitStack() as stack:
         with readable(path):
-            local = stack.enter_context(local_copy(path))
+            local = stack.enter_context(File(path).local_copy())
         before = mended(path, partial(_checked, local, shard, path))
         with readable(path):
             file = stack.enter_context(open_shard(local))
@@ -255,7 +255,7 @@ def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath)
 def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
     """Raise DatasetError if `file`, the shard at `path` or a copy of it, has the wrong SHA-256."""
     with readable(path):
-        digest = file_sha256(file)
+        digest = File(file).sha256()
     if digest != shard.sha256:
         raise DatasetError(
             f"{path} is damaged: its sha256 is not the manifest's; delete it, and {AGAIN}"

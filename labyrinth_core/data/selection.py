@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard, table_groups
 from labyrinth_core.data.storage import AnyPath
-from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression

@@ -202,109 +202,188 @@ class RemotePath:
 AnyPath = Path | RemotePath
 
 
-def replaceable(path: Path) -> Path:
-    """Return a path whose file may be replaced, or that does not exist; a link is replaced itself.
+@dataclass(frozen=True)
+class File:
+    """A file, here or in an object store, which is written whole or not at all."""
 
-    Raises:
-        FileExistsError: The path is a folder or a device.
-    """
-    if not path.is_symlink() and path.exists() and not path.is_file():
-        reason = "is not a regular file, so it is not replaced"
-        raise FileExistsError(errno.EEXIST, reason, str(path))
-    return path
+    path: AnyPath
+
+    def write_bytes(self, content: bytes) -> None:
+        """Write the file.
+
+        Raises:
+            OSError: The file cannot be written, or something that is not a regular file is there.
+        """
+        if isinstance(self.path, RemotePath):
+            self.path._ask(lambda store, place: store.pipe_file(place, content))
+            return
+        with LocalFile(self.path).replacing() as temporary:
+            temporary.write_bytes(content)
+
+    def write_text(self, text: str) -> None:
+        """Write the file as text in UTF-8."""
+        self.write_bytes(text.encode())
+
+    def read_json(self) -> Any:
+        """Return the content of a JSON file.
+
+        Raises:
+            OSError, ValueError, RecursionError: The file cannot be read, or holds a NaN, an
+                infinity, or an object with a duplicate key.
+        """
+        return json.loads(
+            self.path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous
+        )
+
+    def sha256(self) -> str:
+        """Return the SHA-256 of the file, in hexadecimal digits."""
+        digest = hashlib.sha256()
+        with self.path.open("rb") as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+        return digest.hexdigest()
+
+    def size_and_time(self) -> tuple[int, float]:
+        """Return the size in bytes and the modification time in seconds, without reading it."""
+        if isinstance(self.path, Path):
+            status = self.path.stat()
+            return status.st_size, status.st_mtime
+        size, written = self.path._ask(
+            lambda store, place: (store.size(place), store.modified(place))
+        )
+        return int(size), written.timestamp()
+
+    @contextmanager
+    def local_copy(self) -> Iterator[Path]:
+        """Yield an absolute local path with the content: its own, or of a temporary download.
+
+        Arrow would take a relative path with a colon for a URL.
+        """
+        if isinstance(self.path, Path):
+            yield self.path.absolute()
+            return
+        with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
+            local = Path(folder) / self.path.name
+            self.path._ask(lambda store, place: store.get_file(place, str(local)))
+            yield local
 
 
-def named_file(path: Path) -> Path:
-    """Return the file that a user names for output: a link leads to its target, which is written.
+@dataclass(frozen=True)
+class LocalFile(File):
+    """A file in a local folder, which is replaced by renaming a temporary one."""
 
-    Raises:
-        FileExistsError: The path leads to a folder or a device.
-    """
-    return replaceable(Path(os.path.realpath(path)) if path.is_symlink() else path)
+    path: Path
 
+    def replaceable(self) -> Path:
+        """Return the path if its file may be replaced or does not exist; a link itself may be.
 
-def temporary_beside(path: Path, suffix: str = ".tmp") -> Path:
-    """Return a new temporary name in the same folder.
+        Raises:
+            FileExistsError: The path is a folder or a device.
+        """
+        path = self.path
+        if not path.is_symlink() and path.exists() and not path.is_file():
+            reason = "is not a regular file, so it is not replaced"
+            raise FileExistsError(errno.EEXIST, reason, str(path))
+        return path
 
-    The name ends in a hash of the rest, by which `temporaries` recognises it.
-    """
-    return path.with_name(_sealed(f".{path.name}.{uuid4().hex[:12]}", suffix))
+    def target(self) -> Path:
+        """Return the file that a user names for output: a link leads to its target.
 
+        Raises:
+            FileExistsError: The path leads to a folder or a device.
+        """
+        is_link = self.path.is_symlink()
+        return LocalFile(Path(os.path.realpath(self.path)) if is_link else self.path).replaceable()
 
-def temporaries(folder: Path, names: Collection[str], suffix: str = ".tmp") -> list[Path]:
-    """Return the existing paths named by `temporary_beside`, left by killed processes.
+    def temporary(self, suffix: str = ".tmp") -> Path:
+        """Return a new temporary name in the same folder.
 
-    Args:
-        folder: The folder.
-        names: The names in it whose temporary paths to return.
-        suffix: As for `temporary_beside`.
-    """
-    found = []
-    for each in folder.iterdir() if folder.is_dir() else ():
-        name = each.name.removesuffix(suffix).rpartition(".")[0]
-        if name.rpartition(".")[0][1:] in names and each.name == _sealed(name, suffix):
-            found.append(each)
-    return found
+        The name ends in a hash of the rest, by which `temporaries` recognises it.
+        """
+        name = f".{self.path.name}.{uuid4().hex[:12]}"
+        return self.path.with_name(_sealed(name, suffix))
+
+    @staticmethod
+    def temporaries(folder: Path, names: Collection[str], suffix: str = ".tmp") -> list[Path]:
+        """Return the existing paths named by `temporary`, left by killed processes.
+
+        Args:
+            folder: The folder.
+            names: The names in it whose temporary paths to return.
+            suffix: As for `temporary`.
+        """
+        found = []
+        for path in folder.iterdir() if folder.is_dir() else ():
+            name = path.name.removesuffix(suffix).rpartition(".")[0]
+            if name.rpartition(".")[0][1:] in names and path.name == _sealed(name, suffix):
+                found.append(path)
+        return found
+
+    @contextmanager
+    def naming(self, temporary: Path | None = None) -> Iterator[None]:
+        """Put the path into an OSError that names no file, as for a full disk, or `temporary`."""
+        try:
+            yield
+        except OSError as error:
+            if error.filename in (None, str(temporary)):
+                error.filename = str(self.path)
+            raise
+
+    @contextmanager
+    def replacing(self) -> Iterator[Path]:
+        """Yield a temporary path, which replaces the file when the block ends.
+
+        Raises:
+            OSError: The file cannot be written, or something that is not a regular file is there.
+        """
+        # Another process that makes the same file uses another name.
+        path = self.replaceable()
+        temporary = self.temporary()
+        try:
+            with self.naming(temporary):
+                yield temporary
+                temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+    @contextmanager
+    def locked(
+        self, before_waiting: Callable[[], None] = lambda: None, *, wait: bool = True
+    ) -> Iterator[None]:
+        """Hold this lock file, which is created if necessary and removed at the end.
+
+        Only this method may create, remove or rename it.
+
+        Args:
+            before_waiting: Called before waiting for another process that holds the lock.
+            wait: Whether to wait at all.
+
+        Raises:
+            TimeoutError: Another process holds the lock, and `wait` is false.
+            OSError: The file cannot be created, or its file system does not support locks.
+        """
+        from filelock import FileLock, Timeout
+
+        lock = FileLock(self.path, fallback_to_soft=False)
+        try:
+            lock.acquire(blocking=False)
+        except Timeout:
+            if not wait:
+                raise
+            before_waiting()
+            lock.acquire()
+        try:
+            yield
+        finally:
+            # Removed while locked: `filelock` checks after locking that the file still has a name.
+            # On Windows, where a locked file cannot be removed, `release` removes it.
+            with suppress(OSError):
+                self.path.unlink()
+            lock.release()
 
 
 def _sealed(name: str, suffix: str) -> str:
     return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}{suffix}"
-
-
-@contextmanager
-def naming(path: Path, temporary: Path | None = None) -> Iterator[None]:
-    """Put `path` into an OSError that names no file, as for a full disk, or the temporary one."""
-    try:
-        yield
-    except OSError as error:
-        if error.filename in (None, str(temporary)):
-            error.filename = str(path)
-        raise
-
-
-@contextmanager
-def replacing(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, which replaces the local file `path` when the block ends.
-
-    Raises:
-        OSError: The file cannot be written, or something that is not a regular file is there.
-    """
-    # Another process that makes the same file uses another name.
-    temporary = temporary_beside(replaceable(path))
-    try:
-        with naming(path, temporary):
-            yield temporary
-            temporary.replace(path)
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def write_bytes(path: AnyPath, content: bytes) -> None:
-    """Write a file, whole or not at all.
-
-    Raises:
-        OSError: The file cannot be written, or something that is not a regular file is there.
-    """
-    if isinstance(path, RemotePath):
-        path._ask(lambda store, place: store.pipe_file(place, content))
-        return
-    with replacing(path) as temporary:
-        temporary.write_bytes(content)
-
-
-def write_text(path: AnyPath, text: str) -> None:
-    """Write a text file in UTF-8, whole or not at all."""
-    write_bytes(path, text.encode())
-
-
-def read_json(path: AnyPath) -> Any:
-    """Return the content of a JSON file.
-
-    Raises:
-        OSError, ValueError, RecursionError: The file cannot be read, or holds a NaN, an infinity,
-            or an object with a duplicate key.
-    """
-    return json.loads(path.read_bytes(), parse_constant=_no_number, object_pairs_hook=_unambiguous)
 
 
 def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
@@ -317,71 +396,3 @@ def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _no_number(word: str) -> NoReturn:
     raise ValueError(f"{word} is not a JSON number")
-
-
-def file_sha256(path: AnyPath) -> str:
-    """Return the SHA-256 of a file, in hexadecimal digits."""
-    digest = hashlib.sha256()
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            digest.update(block)
-    return digest.hexdigest()
-
-
-def size_and_time(path: AnyPath) -> tuple[int, float]:
-    """Return a file's size in bytes and modification time in seconds, without reading it."""
-    if isinstance(path, Path):
-        status = path.stat()
-        return status.st_size, status.st_mtime
-    size, written = path._ask(lambda store, place: (store.size(place), store.modified(place)))
-    return int(size), written.timestamp()
-
-
-@contextmanager
-def local_copy(path: AnyPath) -> Iterator[Path]:
-    """Yield an absolute local path with the content of `path`: itself, or a temporary download.
-
-    Arrow would take a relative path with a colon for a URL.
-    """
-    if isinstance(path, Path):
-        yield path.absolute()
-        return
-    with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
-        local = Path(folder) / path.name
-        path._ask(lambda store, place: store.get_file(place, str(local)))
-        yield local
-
-
-@contextmanager
-def locked(
-    path: Path, before_waiting: Callable[[], None] = lambda: None, *, wait: bool = True
-) -> Iterator[None]:
-    """Hold a lock file, which is created if necessary and removed at the end.
-
-    Args:
-        path: The lock file; only this function may create, remove or rename it.
-        before_waiting: Called before waiting for another process that holds the lock.
-        wait: Whether to wait at all.
-
-    Raises:
-        TimeoutError: Another process holds the lock, and `wait` is false.
-        OSError: The file cannot be created, or its file system does not support locks.
-    """
-    from filelock import FileLock, Timeout
-
-    lock = FileLock(path, fallback_to_soft=False)
-    try:
-        lock.acquire(blocking=False)
-    except Timeout:
-        if not wait:
-            raise
-        before_waiting()
-        lock.acquire()
-    try:
-        yield
-    finally:
-        # Removed while locked: `filelock` checks after locking that the file still has a name.
-        # On Windows, where a locked file cannot be removed, `release` removes it.
-        with suppress(OSError):
-            path.unlink()
-        lock.release()

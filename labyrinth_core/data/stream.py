@@ -16,20 +16,20 @@ import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.load import Transition, episodes_of
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.data.rows import TOGETHER
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.labyrinth import whole
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -319,17 +319,17 @@ class Stream(Generic[Item]):
 
 
 def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
-    return (episode.copy() for episode in episodes)
+    return map(LoadedEpisode.copy, episodes)
 
 
 def _steps(episodes: Iterable[LoadedEpisode]) -> Iterator[Transition]:
-    for episode in episodes:
-        # Consecutive items share no memory, since a caller may write to them.
-        before, after = episode.observations, episode.observations[1:].copy()
-        for observation, action, next_observation in zip(
-            before, episode.actions.tolist(), after, strict=False
-        ):
-            yield Transition(observation, action, next_observation)
+    return chain.from_iterable(map(_steps_of, episodes))
+
+
+def _steps_of(episode: LoadedEpisode) -> Iterator[Transition]:
+    # Consecutive items share no memory, since a caller may write to them.
+    before, after = episode.observations, episode.observations[1:].copy()
+    return map(Transition, before, episode.actions.tolist(), after)
 
 
 def stream_episodes(  # noqa: D417

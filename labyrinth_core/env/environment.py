@@ -19,6 +19,7 @@ from gymnasium.error import DependencyNotInstalled, ResetNeeded
 from gymnasium.spaces import Discrete
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     Shape,
@@ -33,10 +34,10 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.batch import tabulate
-from labyrinth_core.world.buckets import BUCKETS
-from labyrinth_core.world.dynamics import State, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
+from labyrinth_core.world.batch import Tables
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world.structure import BUCKETS
 
 if TYPE_CHECKING:
     from labyrinth_core.env.window import Window
@@ -165,7 +166,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
     @property
     def state(self) -> State:
         """The state that the agent is in."""
-        return state_at(self.labyrinth, self._state)
+        return self.labyrinth.state_at(self._state)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -205,7 +206,7 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
         return self._observer.observe(labyrinth, self._state), self._info()
 
     def _load(self, labyrinth: Labyrinth) -> None:
-        tables = tabulate(labyrinth, normalised=self._normalised)
+        tables = Tables.of(labyrinth, normalised=self._normalised)
         shape = Shape.of(labyrinth)
         if shape != self._shape:
             self._set_shape(shape)

@@ -11,12 +11,13 @@ import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
-from labyrinth_core.world.buckets import BUCKETS, SPLITS, bucket_at_any_ends, split_of
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Task, whole
-from labyrinth_core.world.tasks import check_apart, place, sample_labyrinth, wish_text
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import RULES, LabyrinthError, Task
+from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
+from labyrinth_core.world.tasks import Placer, sample_labyrinth
 
 Choice = TypeVar("Choice")
 Size = int | str | tuple[int, int]
@@ -112,7 +113,8 @@ class LabyrinthSource(NamedTuple):
         if labyrinth is None:
             if self.split is None:
                 return sample_labyrinth(height, width, task, rng, start=start, goal=goal)
-            bucket = split_of if start is None and goal is None else bucket_at_any_ends
+            at_any_ends = start is not None or goal is not None
+            bucket = Structure.split_at_any_ends if at_any_ends else Structure.split
             try:
                 return sample_labyrinth(
                     height,
@@ -127,14 +129,7 @@ class LabyrinthSource(NamedTuple):
                 raise LabyrinthError(f"split={self.split}: {error}") from error
         start = labyrinth.start if start is None else start
         goal = labyrinth.goal if goal is None else goal
-        if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
-            return labyrinth
-        wish = wish_text(task, start, goal, width)
-        check_apart(start, goal, wish)
-        try:
-            return place(labyrinth.structure, start, goal, task, rng, look=labyrinth.look)
-        except LabyrinthError as error:
-            raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
+        return Placer(rng).changed(labyrinth, task, start, goal)
 
 
 def sources_of(
@@ -274,8 +269,8 @@ def step_limit(cells: int, max_episode_steps: int | None) -> int:
         ValueError: `max_episode_steps`, which can lower the limit, is not a positive integer.
     """
     if max_episode_steps is None:
-        return STEP_LIMIT * cells
-    return min(STEP_LIMIT * cells, whole("max_episode_steps", max_episode_steps, 1))
+        return RULES.step_limit * cells
+    return min(RULES.step_limit * cells, whole("max_episode_steps", max_episode_steps, 1))
 
 
 def write_plainly(spec: EnvSpec | None, values: Mapping[str, Any], limit: int) -> EnvSpec | None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
-from labyrinth_core.world.batch import tabulate_many
+from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.batch_sampling import WORD, sample_each
 from labyrinth_core.world.tasks import default_start_and_goal
 
@@ -32,7 +32,7 @@ class NextLabyrinths:
         Args:
             count: The number of sub-environments.
             shape: Size and task of all labyrinths.
-            normalised: As in `batch.tabulate`.
+            normalised: As in `Tables.of`.
         """
         self._shape, self._normalised = shape, normalised
         self._stack = Stack(count, *shape)
@@ -79,7 +79,7 @@ class NextLabyrinths:
         height, width, _ = self._shape
         drawn = sample_each(height, width, [generator(place) for place in places.tolist()])
         ends = default_start_and_goal(height, width)
-        tables = tabulate_many(drawn.structures, *ends, normalised=self._normalised)
+        tables = Tables.of_many(drawn.structures, *ends, normalised=self._normalised)
         filled = places[drawn.numbers]
         self._stack.load_many(filled, drawn.structures, ends, tables)
         self._left_out[places] = True

@@ -11,11 +11,9 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
-from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.world.dynamics import state_at, state_count
-from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
+from labyrinth_core.pictures.observations import KINDS, ObservationSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
 
 Kind = str
 """One of `PLAYED`."""
@@ -39,7 +37,9 @@ class Observer:
     def __init__(self, kind: Kind, image_size: int) -> None:
         chosen("observation", kind, PLAYED)
         self.kind = kind
-        self.image_size = whole("image_size", image_size, 1, PICTURE_SIZE)
+        shown = "image" if kind == "state" else kind
+        self._spec = ObservationSpec(shown, image_size)
+        self.image_size = self._spec.image_size
         self._together = 1
         if kind == "image":
             self._together = max(1, min(TOGETHER, TOGETHER_BYTES // (3 * self.image_size**2)))
@@ -56,7 +56,7 @@ class Observer:
 
         - `image`: `Box(0, 255, (image_size, image_size, 3), uint8)`, rows from the top.
         - `vector`, and the other kinds of `observations.KINDS`: `Box`, with bounds for each entry.
-        - `state`: `Discrete(states)`, the index that `dynamics.state_index` gives a state.
+        - `state`: `Discrete(states)`, the index that `Labyrinth.state_index` gives a state.
         """
         if self.kind == "image":
             return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
@@ -83,7 +83,7 @@ class Observer:
 
     def _draw(self, labyrinth: Labyrinth, block: int) -> Array:
         first = block * self._together
-        end = min(first + self._together, state_count(labyrinth))
+        end = min(first + self._together, labyrinth.state_count)
         drawn: Array = self.batch([(labyrinth, state) for state in range(first, end)])
         return drawn
 
@@ -91,7 +91,5 @@ class Observer:
         """Return the observations of N pairs of a labyrinth and a state index, as N rows."""
         if self.kind == "state":
             return np.array([number for _, number in shown])
-        views = [(labyrinth, state_at(labyrinth, number)) for labyrinth, number in shown]
-        if self.kind == "image":
-            return draw(views, self.image_size)
-        return np.stack([KINDS[self.kind].of(labyrinth, state) for labyrinth, state in views])
+        views = [(labyrinth, labyrinth.state_at(number)) for labyrinth, number in shown]
+        return self._spec.look(views)

@@ -19,11 +19,10 @@ from labyrinth_core.pictures.vector import (
     initial_vector,
     initial_vectors,
     show_states,
-    tile_count,
 )
-from labyrinth_core.world.batch import Structures, Tables
-from labyrinth_core.world.dynamics import seen_together
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Task
+from labyrinth_core.world.batch import Structures, Tables, seen_together
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look, Task
 
 
 class Stack:
@@ -49,7 +48,7 @@ class Stack:
         self._shared_names: NDArray[np.object_] | None = None
         """A read-only copy for the infos, renewed when a labyrinth has changed."""
         entries = (2 * height - 1) * (2 * width - 1)
-        self.initial_vectors = np.zeros((count, tile_count(task) + entries), np.int32)
+        self.initial_vectors = np.zeros((count, task.rules.positions + entries), np.int32)
         """The `vector.initial_vector` of each labyrinth."""
         self.looks = np.zeros(count, np.intp)
         """The look of each labyrinth, as an index of `LOOKS`."""
@@ -155,7 +154,7 @@ class Stack:
         return vectors
 
     def visible(self) -> NDArray[np.bool_]:
-        """Return `dynamics.visible_from` for each agent, shape (count, height, width)."""
+        """Return `Structure.visible_from` for each agent, shape (count, height, width)."""
         side = max(self._height, self._width)
         seen = seen_together(self._transitions.reshape(-1, 4), self._now, side)
         return seen.reshape(-1, self._height, self._width)

@@ -19,6 +19,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.env.environment import REWARDS
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
@@ -38,10 +39,10 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.gallery import Gallery
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.batch import Tables, tabulate
-from labyrinth_core.world.buckets import BUCKETS
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
+from labyrinth_core.world.batch import Tables
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.structure import BUCKETS
 
 Mask = NDArray[np.bool_]
 Batch = NDArray[Any]
@@ -240,7 +241,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         same: list[int] = []
         for place, labyrinth in zip(places, drawn, strict=True):
             if labyrinth is not self._stack.labyrinths[place]:
-                made = tables.get(labyrinth) or tabulate(labyrinth, normalised=self._normalised)
+                made = tables.get(labyrinth) or Tables.of(labyrinth, normalised=self._normalised)
                 self._stack.load(place, labyrinth, tables.setdefault(labyrinth, made))
             else:
                 same.append(place)
@@ -388,7 +389,7 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         assert self.render_mode is not None
         draw = draw_text if self.render_mode.startswith("ansi") else render
         labyrinth, state = self._stack.at(place)
-        return draw(labyrinth, state_at(labyrinth, state))
+        return draw(labyrinth, labyrinth.state_at(state))
 
 
 def _only(values: Batch, mask: Mask) -> Batch:

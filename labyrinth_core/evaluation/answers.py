@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import Task, whole
+from labyrinth_core.world.rules import Action, Task
 
 if TYPE_CHECKING:
-    from labyrinth_core.data.observations import ObservationSpec
+    from labyrinth_core.pictures.observations import ObservationSpec
 
 Policy = Callable[[Any], Any]
 """Maps B observations to B actions, or to scores of the four actions, shape (B, 4).
@@ -110,7 +110,7 @@ def fitted(
         image_size = needed
     size = DEFAULT_IMAGE_SIZE if image_size is None else image_size
     resize = resize if isinstance(resize, str) else "area"
-    from labyrinth_core.data.observations import ObservationSpec
+    from labyrinth_core.pictures.observations import ObservationSpec
 
     return policy, ObservationSpec(observation, size, draw=True, resize=resize)
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.dynamics import STEP_PENALTY
+from labyrinth_core.world.rules import RULES
 from labyrinth_core.world.solver import RouteMemory
 
 BASELINES = {
@@ -147,7 +147,7 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     onward, ends = ~arrays.done.ravel(), arrays.done.ravel() & ~arrays.terminal[here]
     before = _before(here[onward], arrays.next_state.ravel()[onward], count)
     last, paid = here[ends], arrays.rewards.ravel()[ends].astype(np.float64)
-    penalty = STEP_PENALTY / arrays.cells
+    penalty = RULES.step_penalty / arrays.cells
     goals = paid > 0
     distance = arrays.distance[arrays.labyrinth[last[goals]]]
     alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)

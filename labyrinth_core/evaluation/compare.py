@@ -26,15 +26,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.buckets import sample_test
+from labyrinth_core.checks import whole
 from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from labyrinth_core.world.labyrinth import whole
+from labyrinth_core.world.rules import RULES
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
@@ -182,9 +182,9 @@ def compare(
     ]
     players = [(Player.of(each, seed), spec) for each, spec in policies]
     cells = dataset.height * dataset.width
-    steps = cells if within == "cells" else STEP_LIMIT * cells
+    steps = cells if within == "cells" else RULES.step_limit * cells
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE,)))
-    fresh = sample_test(dataset, rng)
+    fresh = Drawing(dataset).sample_test(rng)
     found = Comparison(0, 0, 0, 0, steps, error)
     while found.better is None and found.labyrinths < most:
         drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted, memory_of
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays
 from labyrinth_core.evaluation.playing import ROUNDED, attempts, play_once, require_repeatable
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 LABYRINTHS = 8

@@ -7,11 +7,12 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import whole
+from labyrinth_core.checks import whole
+from labyrinth_core.data import typed
 
 LONGEST = 300
 """The largest number of characters of a text."""
@@ -73,7 +74,7 @@ class Description:
     """When it was evaluated, as `2026-11-30`."""
     budget: str = ""
     """What it has learnt from, in words."""
-    details: Mapping[str, int] = field(default_factory=dict)
+    details: Mapping[str, typed.Count] = field(default_factory=dict)
     """Counts, such as of its training labyrinths; the keys are those of `DETAILS`."""
 
     def __post_init__(self) -> None:
@@ -111,13 +112,13 @@ def is_day(text: str) -> bool:
 class RunName:
     """The choices that distinguish a training run on a dataset, and the run's name."""
 
-    method: str
-    encoder: str
+    method: typed.Word
+    encoder: typed.Word
     """The network that encodes observations; the method's name if it has its own network."""
-    protocol: str
-    train_labyrinths: int | str | None = None
+    protocol: typed.Word
+    train_labyrinths: typed.Learnt = None
     """The number of labyrinths learnt from; None for all, `FRESH` for new ones in each epoch."""
-    seed: int
+    seed: typed.Seed
 
     @property
     def first_labyrinths(self) -> int | None:
@@ -164,26 +165,56 @@ class RunName:
         return [self.method] + [self.encoder] * (self.encoder != self.method)
 
 
+class Epoch(TypedDict):
+    """The number of an epoch, beside its metrics."""
+
+    epoch: typed.Count
+
+
+class Computed(TypedDict):
+    """What a run was computed on, beside threads and versions of libraries."""
+
+    device: typed.Word
+
+
+class Training(TypedDict):
+    """How a policy was trained."""
+
+    epochs: typed.Count
+    seconds: Annotated[float, typed.Within(0)]
+    selected: Epoch
+    """The epoch whose weights are kept."""
+    computed: Computed
+
+
+class Played(TypedDict):
+    """What the policy of a run was evaluated on."""
+
+    device: typed.Word
+    versions: Mapping[str, str]
+    """Library -> version."""
+    weights: typed.Sha256 | None
+    """The SHA-256 of the weights; None in results of an earlier version."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TrainedRun(RunName):
     """The training run that made a policy, as stored in its results."""
 
-    settings: Mapping[str, Any]
+    settings: Mapping[typed.Word, Any]
     """The settings of the method."""
-    config: str
+    config: typed.ConfigName
     """The config of the dataset it learnt from, such as `5x5`."""
     dataset: str
     revision: str | None = None
-    fingerprint: str
+    fingerprint: typed.Sha256
     """The fingerprint of that dataset."""
-    training: Mapping[str, Any]
-    """`epochs`, `seconds`, the `selected` epoch, and how it was `computed`."""
-    evaluated: Mapping[str, Any]
-    """The device, the versions of libraries, and the SHA-256 of the `weights` if known."""
-    references_know: str | None = None
+    training: Training
+    evaluated: Played
+    references_know: typed.Sha256 | None = None
     """The fingerprint of the dataset whose train the references know; None if it is the dataset
     on which the policy is judged."""
-    as_tried: Mapping[str, Mapping[str, float]] | None = None
+    as_tried: Mapping[typed.SplitName, Mapping[typed.Word, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
 
 
@@ -191,11 +222,11 @@ class TrainedRun(RunName):
 class Origin:
     """Where a policy was opened and what its files are, so that anyone can play it again."""
 
-    source: str
+    source: typed.Address
     """A folder, a file, or an id on the Hub."""
-    commit: str | None
+    commit: typed.Commit | None
     """The commit on the Hub; None for a folder or a file."""
-    files: Mapping[str, str]
+    files: Mapping[typed.Word, typed.Sha256]
     """Name -> SHA-256 of each file, the weights first."""
 
 
@@ -203,14 +234,14 @@ class Origin:
 class Judgement:
     """What the judge of a season signs: the policy, its files, and the versions of libraries."""
 
-    season: str
-    secret_sha256: str
+    season: typed.Word
+    secret_sha256: typed.Sha256
     """The season's commitment to its secret."""
-    submission: str
+    submission: typed.Address
     """The policy as submitted: an id on the Hub with a revision, or a folder."""
-    commit: str | None
+    commit: typed.Commit | None
     """The commit on the Hub; None for a folder."""
-    files: Mapping[str, str]
+    files: Mapping[typed.Word, typed.Sha256]
     """Name -> SHA-256 of each file of the policy, including its weights."""
-    versions: Mapping[str, str]
+    versions: Mapping[typed.Word, typed.Version]
     """Library -> version that the judge used."""

@@ -14,18 +14,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.checks import whole
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
+from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
 from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.world.labyrinth import Task, whole
+from labyrinth_core.evaluation.twins import train_set
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.rules import Task
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""
@@ -195,6 +199,34 @@ class Evaluation:
             baselines=baselines,
             run=run,
             policy=None if run is not None else self.origin,
+        )
+
+    def receipt(
+        self,
+        split: str,
+        controls: int,
+        *,
+        train: DatasetConfig | None = None,
+        train_labyrinths: int | None = None,
+        episodes: int | None = None,
+    ) -> Receipt:
+        """Return whether the policy follows its own train in a split; see `memorised`.
+
+        Args:
+            split: As for `memorised`.
+            controls: As for `memorised`.
+            train: The config of another dataset that the policy has learnt from, on whose train
+                these labyrinths do not depend; None for this dataset.
+            train_labyrinths: As for `memorised`.
+            episodes: As for `memorised`.
+
+        Raises:
+            ValueError, PolicyError, DatasetError: As for `memorised`.
+        """
+        own = train_of(self.data, split, train_labyrinths) if train is None else train_set(train)
+        arrays = self.load(split)
+        return receipt_of(
+            self.player, arrays, own, split=split, controls=controls, episodes=episodes
         )
 
     def _way(self, episodes: int | None) -> str:

@@ -6,18 +6,18 @@ those computed from the rows of the dataset.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
 from labyrinth_core.evaluation.replanner import replan
-from labyrinth_core.evaluation.scores import ACCURACIES, Scores
+from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.pictures.observations import ObservationSpec
 
 _CLOSE = 1e-9
 """Figures of a baseline that differ by no more than this are equal; another processor may sum many
@@ -36,8 +36,6 @@ class KnownSplit:
     """Moves on a shortest route, shape (L,)."""
     known_route: NDArray[np.bool_]
     """As in `Scores`, shape (L,)."""
-    acting: tuple[int, int]
-    """The number of states over which each of `ACCURACIES` is computed."""
     baselines: Mapping[str, Mapping[str, float]]
     """Baseline -> its figures."""
 
@@ -47,58 +45,42 @@ class KnownSplit:
         known, baselines = memory.figures(arrays, blind=True)
         if arrays.labyrinths[0].task.rules.hides:
             baselines |= replan(arrays)
-        acts, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
-        return cls(
-            place=place,
-            labyrinth_ids=arrays.labyrinth_ids,
-            distance=arrays.distance,
-            known_route=known,
-            acting=(int((acts & shown).sum()), int((acts & ~shown).sum())),
-            baselines=baselines,
-        )
+        return cls(place, arrays.labyrinth_ids, arrays.distance, known, baselines)
 
-    def differences(self, scores: Scores, *, looks_up: bool) -> Iterator[str]:
-        """Yield each result that does not fit the dataset's labyrinths.
+    def require_same(
+        self, scores: Scores, baselines: Mapping[str, Mapping[str, float]], *, blind: bool
+    ) -> None:
+        """Compare results with the labyrinths of the split, and with its baselines.
 
         Args:
-            scores: The scores.
-            looks_up: Whether the policy has no memory; only then it has accuracies.
+            scores: The scores of a policy.
+            baselines: Baseline -> its figures.
+            blind: Whether the baselines in `BLIND` are required.
+
+        Raises:
+            ValueError: Something differs; the message names it.
         """
         if len(scores.distance) != len(self.distance):
-            yield f"{len(scores.distance)} labyrinths, but {self.place} has {len(self.distance)}"
-            return
-        for place in np.flatnonzero(scores.labyrinth_ids != self.labyrinth_ids)[:1].tolist():
-            found, right = (each.labyrinth_ids[place] for each in (scores, self))
-            yield f"labyrinth {place + 1} is {found:016x}, but {right:016x} in {self.place}"
-        for place in np.flatnonzero(scores.distance != self.distance)[:1].tolist():
-            yield (
-                f"labyrinth {self.labyrinth_ids[place]:016x} has a shortest route of "
-                f"{scores.distance[place]} moves, but of {self.distance[place]} in {self.place}"
+            raise ValueError(
+                f"{len(scores.distance)} labyrinths, but {self.place} has {len(self.distance)}"
             )
-        if np.any(scores.known_route != self.known_route):
-            yield f"known_route does not match the routes that train of {self.place} demonstrates"
-        for name, count in zip(ACCURACIES, self.acting, strict=True):
-            share = getattr(scores, name)
-            states = count if looks_up else 0
-            part = None if share is None else share * states
-            if (part is None) != (states == 0) or (part and abs(part - round(part)) > 1e-6):
-                yield f"{name} is {share}, which is not a share of {states} states"
-
-    def other_baselines(
-        self, given: Mapping[str, Mapping[str, float]], *, blind: bool
-    ) -> Iterator[str]:
-        """Yield the baselines that are missing or have other figures here.
-
-        Args:
-            given: The figures by baseline.
-            blind: Whether the baselines in `BLIND` are required.
-        """
+        for name, form in (
+            ("labyrinth_ids", "{:016x}"),
+            ("distance", "{}"),
+            ("known_route", "{:d}"),
+        ):
+            given, right = getattr(scores, name), getattr(self, name)
+            for number in np.flatnonzero(given != right)[:1]:
+                told, known = form.format(given[number]), form.format(right[number])
+                raise ValueError(f"{name}[{number}] is {told}, but {known} in {self.place}")
         for name, figures in self.baselines.items():
-            if name not in given and (blind or name not in BLIND):
-                yield f"the figures of the baseline {name} are missing"
-            for figure, value in given.get(name, {}).items():
+            if name not in baselines and (blind or name not in BLIND):
+                raise ValueError(f"the figures of the baseline {name} are missing")
+            for figure, value in baselines.get(name, {}).items():
                 if abs(value - figures[figure]) > _CLOSE:
-                    yield f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
+                    raise ValueError(
+                        f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
+                    )
 
 
 @dataclass(frozen=True, eq=False)

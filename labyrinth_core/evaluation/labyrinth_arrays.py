@@ -19,19 +19,20 @@ from labyrinth_core.data.dataset import Filter
 from labyrinth_core.data.datasets import Dataset, Selection
 from labyrinth_core.data.episodes import LoadedEpisode, replayed
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.batch import Tables, tabulate
-from labyrinth_core.world.dynamics import STEP_LIMIT, initial, state_count, state_index
+from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import RULES
 
 STATE_BYTES = 500
 """The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
 bytes in 10,000 labyrinths of 5x5, 300 of 25x25 and 30 of 100x100, 114 of them in arrays."""
 
 Place = tuple[int, int]
-"""The id of a labyrinth, and the index of a state in it as in `dynamics.state_index`."""
+"""The id of a labyrinth, and the index of a state in it as in `Labyrinth.state_index`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,7 @@ class LabyrinthArrays:
     labyrinth: NDArray[np.int64]
     """The index of the state's labyrinth, from 0 to L - 1, ascending, shape (S,)."""
     state: NDArray[np.int64]
-    """The index of the state in its labyrinth, as in `dynamics.state_index`, ascending within each
+    """The index of the state in its labyrinth, as in `Labyrinth.state_index`, ascending within each
     labyrinth, shape (S,)."""
     position: NDArray[np.int64]
     """The agent's cell, shape (S,)."""
@@ -109,13 +110,13 @@ class LabyrinthArrays:
     @property
     def step_limit(self) -> int:
         """The number of steps after which an episode is cut."""
-        return STEP_LIMIT * self.cells
+        return RULES.step_limit * self.cells
 
 
 def first_place(episode: LoadedEpisode) -> Place:
     """Return the place in which an episode of a dataset begins."""
     labyrinth = parse(episode.info)
-    return episode.labyrinth_id, state_index(labyrinth, initial(labyrinth))
+    return episode.labyrinth_id, labyrinth.state_index(labyrinth.initial)
 
 
 def _numbers_of(
@@ -159,7 +160,7 @@ def load_arrays(
         split: Name of the split, such as `train`.
         observation: "image", "vector" or "text".
         image_size: Pixels on each side of the pictures.
-        resize: How pictures are made smaller; one of `labyrinth_core.data.observations.RESIZES`.
+        resize: How pictures are made smaller, one of `pictures.observations.RESIZES`.
         revision: Branch, tag or commit on the Hub; not for folders.
         labyrinths: Number of labyrinths, the first ones; see `load_episodes`, also for `where`.
         where: A filter of the table of labyrinths.
@@ -192,7 +193,7 @@ def arrays_in(selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
     except MemoryError as error:
         count = sum(each.labyrinths for each in part.shards)
         count = count if part.spans is None else len(part.spans[0])
-        needed = STATE_BYTES * count * max(map(state_count, held.values()), default=0)
+        needed = STATE_BYTES * count * max((each.state_count for each in held.values()), default=0)
         raise DatasetError(
             f"split={selection.split}: the states of {count:,} labyrinths take about "
             f"{needed / 1e9:,.1f} GB, and what is seen in them up to 1 GB, more than there is "
@@ -216,7 +217,7 @@ def as_arrays(
     """
     ids = [int(labyrinth_id(each), 16) for each in labyrinths]
     episodes = [
-        ((number, state_index(labyrinth, initial(labyrinth))), actions)
+        ((number, labyrinth.state_index(labyrinth.initial)), actions)
         for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
         for actions in of_one
     ]
@@ -236,7 +237,7 @@ def _stack(
     distance: list[int] = []
     count = 0
     for number, labyrinth in enumerate(labyrinths):
-        tables = tabulate(labyrinth)
+        tables = Tables.of(labyrinth)
         states = _visitable(tables)
         first.append(count + states.index(tables.initial))
         distance.append(int(tables.distances[tables.initial]))

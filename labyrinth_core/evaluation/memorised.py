@@ -12,18 +12,19 @@ one. `twins` has the statistic.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
+from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
@@ -42,8 +43,9 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.dynamics import Action, state_at
-from labyrinth_core.world.labyrinth import Labyrinth, whole
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
@@ -71,15 +73,15 @@ class Excess:
     """The excess, in percentage points of the states."""
     interval: tuple[float, float]
     """Its 95% interval over labyrinths."""
-    controls: tuple[float, float]
+    controls: tuple[float, Annotated[float, typed.Within(0)]]
     """The mean and the standard deviation of the excess over the controls, in points."""
-    p: float
+    p: typed.Share
     """The rank of the real train: (1 + controls with as much excess) / (1 + controls)."""
     most: float
     """The excess of a policy that follows its own train in every state, in points."""
-    states: int
+    states: typed.Count
     """The number of states."""
-    without_twin: int
+    without_twin: typed.Count
     """How many of them have no twin in train; they do not count."""
 
 
@@ -87,27 +89,27 @@ class Excess:
 class Copy:
     """A state in which a policy acts as its own train shows, and other trains do not."""
 
-    labyrinth: str
+    labyrinth: typed.LabyrinthId
     """The id of the labyrinth."""
-    agent: int
+    agent: typed.Count
     """The agent's cell, also in the twin."""
     has_key: bool
     """Whether the agent has the key, also in the twin."""
     door_open: bool
     """Whether the door is open, also in the twin."""
-    train_labyrinth: str
+    train_labyrinth: typed.LabyrinthId
     """The id of the twin's labyrinth in train."""
-    twins: int
+    twins: typed.Positive
     """The number of equally near twins, of which this is one."""
-    differences: int
+    differences: typed.Count
     """The number of entries in which the vectors of the two states differ."""
-    passages: tuple[tuple[int, int], ...]
+    passages: tuple[tuple[typed.Count, typed.Count], ...]
     """The passages that only one of the two labyrinths has, as pairs of cells."""
-    did: tuple[float, ...]
+    did: tuple[typed.Share, ...]
     """The share of each action that the policy takes in the state."""
-    shown: tuple[float, ...]
+    shown: tuple[typed.Share, ...]
     """The share of the twins that show each action."""
-    consensus: tuple[float, ...]
+    consensus: tuple[typed.Share, ...]
     """The mean of these shares over the controls."""
     optimal: tuple[bool, ...]
     """Whether each action begins a shortest route."""
@@ -120,10 +122,13 @@ class Receipt(Excess):
     A policy with memory has no action in a state by itself, so only its own way counts.
     """
 
-    split: str
-    drawn: int
+    split: Annotated[str, typed.Like("|".join(SPLITS_WITHOUT_TRAIN))]
+    train: Mapping[typed.Word, Any]
+    """The options that draw the training set: those of its dataset, with the number of labyrinths
+    that the policy has learnt from."""
+    drawn: Annotated[int, typed.Within(*CONTROLS)]
     """The number of control training sets."""
-    shared: float
+    shared: typed.Share
     """The mean share of the labyrinths of train that a control has, too. The more they share, the
     less can be found; p stays valid."""
     own_way: Excess
@@ -139,7 +144,7 @@ class Receipt(Excess):
         lines = [
             f"Does the policy follow its own train? {self.split}, {self.drawn} controls",
             f"  excess    {_points(self)} points, {self.most:.1f} if it always did",
-            f"  controls  {self.controls[0]:+.2f} ± {self.controls[1]:.2f}",
+            f"  controls  {self.controls[0]:+z.2f} ± {self.controls[1]:.2f}",
             f"  p         {self.p:.3f}",
             f"  states    {self.states:,} of {states}, and {self.without_twin:,} without a twin",
         ]
@@ -156,7 +161,7 @@ class Receipt(Excess):
 
 def _points(of: Excess) -> str:
     low, high = of.interval
-    return f"{of.excess:+.2f} [{low:+.2f}, {high:+.2f}]"
+    return f"{of.excess:+z.2f} [{low:+z.2f}, {high:+z.2f}]"
 
 
 def _action(shares: Sequence[float]) -> str:
@@ -213,7 +218,8 @@ def memorised(
     if episodes is not None:
         episodes = whole("episodes", episodes, 1, MOST_EPISODES)
     data = Dataset.of(source, config, revision)
-    about = _checked(data, split, train_labyrinths)
+    train = train_of(data, split, train_labyrinths)
+    about = train[0]
     policy, spec = fitted(
         policy,
         about.height,
@@ -227,10 +233,9 @@ def memorised(
     receipt = receipt_of(
         player,
         arrays_in(data[split], shown),
-        data,
+        train,
         split=split,
         controls=controls,
-        train_labyrinths=train_labyrinths,
         episodes=episodes,
     )
     data.require_unchanged()
@@ -240,19 +245,20 @@ def memorised(
 def receipt_of(
     player: Player,
     arrays: LabyrinthArrays,
-    data: Dataset,
+    train: TrainSet,
     *,
     split: str,
     controls: int,
-    train_labyrinths: int | None = None,
     episodes: int | None = None,
 ) -> Receipt:
-    """Return the receipt of a policy in the labyrinths of a split; see `memorised`."""
-    config = _checked(data, split, train_labyrinths)
-    own = _own_set(data, config)
+    """Return the receipt of a policy in the labyrinths of a split; see `memorised`.
+
+    They do not depend on the training set, which may be that of another dataset.
+    """
+    config, own_labyrinths = train
     # Any seed below gives the same controls, so that they are drawn once for many datasets.
     others, hashes = _controls(replace(config, seed=max(config.seed, FIRST_SEED - 1)), controls)
-    shared = _shared(config, own, hashes)
+    shared = _shared(train, hashes)
     states = np.flatnonzero(~arrays.terminal)
     if (needed := PAIR_BYTES * (1 + controls) * len(states)) > MOST_BYTES:
         raise ValueError(
@@ -263,7 +269,7 @@ def receipt_of(
     counts = counted_actions(player, arrays, episodes)[states]
     visited: NDArray[np.bool_] = counts.sum(axis=1) > 0
     walked = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
-    demonstrated = Demonstrated.of([own])
+    demonstrated = Demonstrated.of([train])
     twins = Twins.of(arrays, states, demonstrated).joined(Twins.of(arrays, states, others))
     references = [twins.excess(each) for each in references_of(twins, arrays.optimal[states])]
 
@@ -279,16 +285,22 @@ def receipt_of(
     return Receipt(
         **vars(overall),
         split=split,
+        train=config.to_json(),
         drawn=controls,
         shared=round(shared, 4),
         own_way=own_way,
         everywhere=actions is not None,
-        copies=tuple(_copies(twins, acts, arrays, states, demonstrated, own[1])),
+        copies=tuple(_copies(twins, acts, arrays, states, demonstrated, own_labyrinths)),
     )
 
 
-def _checked(data: Dataset, split: str, train_labyrinths: int | None) -> DatasetConfig:
-    """Return the config of train, or of its first labyrinths; raise ValueError if not valid."""
+def train_of(data: Dataset, split: str, train_labyrinths: int | None = None) -> TrainSet:
+    """Return the train of a dataset, or its first labyrinths, for `receipt_of`.
+
+    Raises:
+        ValueError: No other training set could have been that of the split, or its config does not
+            draw it.
+    """
     config = data.manifest.config
     if split not in SPLITS_WITHOUT_TRAIN:
         raise ValueError(
@@ -300,14 +312,9 @@ def _checked(data: Dataset, split: str, train_labyrinths: int | None) -> Dataset
             f"splits.min_walls={config.min_walls}: {split} was chosen to differ from train, so no "
             "other training set compares with it: give a dataset with splits.min_walls=1"
         )
-    if train_labyrinths is None:
-        return config
-    most = config.labyrinths
-    return replace(config, labyrinths=whole("train_labyrinths", train_labyrinths, 1, most))
-
-
-def _own_set(data: Dataset, config: DatasetConfig) -> TrainSet:
-    """Return the train of a dataset; raise ValueError if its config does not draw it."""
+    if train_labyrinths is not None:
+        count = whole("train_labyrinths", train_labyrinths, 1, config.labyrinths)
+        config = replace(config, labyrinths=count)
     own = train_set(config)
     if own[1] != list(data["train"].filter(labyrinths=config.labyrinths).labyrinths):
         raise ValueError(
@@ -317,13 +324,14 @@ def _own_set(data: Dataset, config: DatasetConfig) -> TrainSet:
     return own
 
 
-def _shared(config: DatasetConfig, own: TrainSet, hashes: Sequence[frozenset[int]]) -> float:
+def _shared(train: TrainSet, hashes: Sequence[frozenset[int]]) -> float:
     """Return the mean share of train that is in controls as well.
 
     Raises:
         ValueError: It is so large that hardly anything could be found.
     """
-    mine = frozenset(map(hash, own[1]))
+    config, labyrinths = train
+    mine = frozenset(map(hash, labyrinths))
     shared = float(np.mean([len(mine & each) for each in hashes])) / len(mine)
     if shared > MOST_SHARED:
         raise ValueError(
@@ -355,11 +363,14 @@ def _controls(config: DatasetConfig, count: int) -> tuple[Demonstrated, tuple[fr
 def references_of(twins: Twins, optimal: NDArray[np.bool_]) -> tuple[NDArray[np.floating], ...]:
     """Return the actions of policies that depend on no single set, for `without_effects`.
 
-    They are the solver, what twins show most often, and policies that have learnt other sets.
+    They are the solver, what twins show most often, policies that have learnt other sets, and those
+    that always take the same action. In the dataset of seed 0, whose train moves up more often than
+    most, a constant policy would otherwise have p = 0.015.
     """
     solver = optimal / np.maximum(optimal.sum(axis=1, keepdims=True), 1)
     usual = np.eye(ACTIONS)[most_shown(np.nansum(twins.shown, axis=0, dtype=np.float64))]
-    return solver, usual, twins.others()
+    constant = np.broadcast_to(np.eye(ACTIONS)[:, None], (ACTIONS, *usual.shape))
+    return solver, usual, twins.others(), *constant
 
 
 def _everywhere(
@@ -422,7 +433,7 @@ def _copies(
         nearest = np.flatnonzero(differences[0] == differences[0].min())
         labyrinth = arrays.labyrinths[which]
         twin = own[int(demonstrated.labyrinth[candidates[nearest[0]]])]
-        place = state_at(labyrinth, int(arrays.state[state[0]]))
+        place = labyrinth.state_at(int(arrays.state[state[0]]))
         apart = {*labyrinth.structure.passages()} ^ {*twin.structure.passages()}
         did, shown, usual = (
             tuple(round(share, DECIMALS) for share in each.tolist())

@@ -22,14 +22,8 @@ from labyrinth_core.evaluation.answers import (
     memory_of,
 )
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import (
-    GOAL_REWARD,
-    ICE_REWARD,
-    STEP_LIMIT,
-    STEP_PENALTY,
-    Episode,
-    replay,
-)
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.rules import RULES
 
 OUTCOMES = {
     "solved": "the goal is reached",
@@ -92,7 +86,7 @@ class Episodes:
     @property
     def step_limit(self) -> int:
         """The number of steps after which an episode is cut."""
-        return STEP_LIMIT * self.cells
+        return RULES.step_limit * self.cells
 
     @property
     def solved(self) -> NDArray[np.bool_]:
@@ -106,8 +100,12 @@ class Episodes:
 
         Computed as a product, since a sum of many small penalties gathers rounding errors.
         """
-        ends = np.select([self.solved, self.outcomes == "ice"], [GOAL_REWARD, ICE_REWARD])
-        returns: NDArray[np.float64] = ends - STEP_PENALTY * (self.moves - (ends != 0)) / self.cells
+        ends = np.select(
+            [self.solved, self.outcomes == "ice"], [RULES.goal_reward, RULES.ice_reward]
+        )
+        returns: NDArray[np.float64] = (
+            ends - RULES.step_penalty * (self.moves - (ends != 0)) / self.cells
+        )
         return returns
 
 

@@ -16,9 +16,9 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
-from labyrinth_core.world.dynamics import Action, initial
-from labyrinth_core.world.labyrinth import TILES, Labyrinth
-from labyrinth_core.world.solver import moves_and_routes, shortest_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, Action
+from labyrinth_core.world.solver import Solver
 
 QUESTIONS = "questions"
 """The suffix of the config with a dataset's questions, which has no episodes."""
@@ -88,7 +88,8 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
             f"task={labyrinth.task}: most of the labyrinth is hidden from the agent, so "
             "no question can be asked; choose another task"
         )
-    moves, count = moves_and_routes(labyrinth)
+    solver = Solver(labyrinth)
+    moves, count = solver.moves_and_routes()
     info = dump(labyrinth)
     name = labyrinth_id(info)
     if count > MOST_ROUTES:
@@ -97,8 +98,8 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
             f"{MOST_ROUTES:,} at most"
         )
     words = [action.name.lower() for action in Action]
-    routes = [" ".join(words[move] for move in route) for route in shortest_routes(labyrinth)]
-    state, painter = initial(labyrinth), Painter(labyrinth)
+    routes = [" ".join(words[move] for move in route) for route in solver.shortest_routes()]
+    state, painter = labyrinth.initial, Painter(labyrinth)
     large, drawing = painter.png(state), draw_text(labyrinth, state)
     small = encode(strips_in(painter.array(state, SMALL_PICTURE)), SMALL_PICTURE)
     return {

@@ -15,9 +15,9 @@ from labyrinth_core.evaluation.answers import Player, PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.pictures.vector import WALL, grid_indices, tile_count
-from labyrinth_core.world.dynamics import Action, neighbours, seen_together
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.pictures.vector import WALL, grid_indices
+from labyrinth_core.world.batch import seen_together
+from labyrinth_core.world.rules import Action, Task, neighbours
 
 REPLANNERS = ("replanner", "without memory")
 """The names of the replanner's figures, with memory and without."""
@@ -52,7 +52,7 @@ class Replanner:
         Raises:
             PolicyError: The task's vectors have another layout.
         """
-        if tile_count(task) != tile_count(Task.PARTIAL_OBSERVABILITY):
+        if task.rules.positions != Task.PARTIAL_OBSERVABILITY.rules.positions:
             raise PolicyError(f"the replanner needs vectors without key and door, not of {task}")
         return Replanner(height, width, memory=self.memory)
 
@@ -62,7 +62,7 @@ class Replanner:
 
     def act(self, observations: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return an action for each of B vectors, shape (B,)."""
-        tiles, rows = tile_count(Task.PARTIAL_OBSERVABILITY), np.arange(len(observations))
+        tiles, rows = Task.PARTIAL_OBSERVABILITY.rules.positions, np.arange(len(observations))
         agents, _, goals = np.searchsorted(self._place, observations[:, :tiles]).T
         grids = np.pad(observations[:, tiles:], ((0, 0), (0, 1)), constant_values=WALL)
         walls = self._seen_walls(grids[:, self._passages] == WALL, agents)

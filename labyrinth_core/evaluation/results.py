@@ -3,45 +3,34 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, fields
+from math import prod
 from pathlib import Path
 from textwrap import fill
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import named_file, read_json, write_text
-from labyrinth_core.evaluation.description import (
-    Description,
-    Judgement,
-    Origin,
-    TrainedRun,
-)
+from labyrinth_core.data.storage import File, LocalFile
+from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
-    EVALUATED,
-    FIGURES,
     FORMAT,
-    JUDGEMENT,
     KIND,
-    METHOD,
-    ORIGIN,
-    RUN,
-    receipt_in,
-    refuse,
-    rules_of,
-    scores_of,
-    taken,
+    Evaluated,
+    ResultsFile,
+    check_receipt,
 )
-from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
 from labyrinth_core.language.collection import files_in
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.language.source_text import parse_size, printable_line
 from labyrinth_core.version import __version__
 
 RESULTS = "results.json"
@@ -174,13 +163,13 @@ class Results:
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
         place = Path(path).expanduser()
         place.parent.mkdir(parents=True, exist_ok=True)
-        write_text(named_file(place), text)
+        File(LocalFile(place).target()).write_text(text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
-        content = self.to_json(about)
-        rules_of(content)  # A file that could not be read again is not written.
-        return _as_text(content)
+        text = _as_text(self.to_json(about))
+        typed.read_as(ResultsFile, json.loads(text))  # Else it could not be read.
+        return text
 
     @classmethod
     def load(
@@ -205,7 +194,7 @@ class Results:
                 raise ValueError("it is not a file")
             if place.stat().st_size > LARGEST:
                 raise ValueError(f"it has more than {LARGEST:,} bytes")
-            return cls.from_json(read_json(place), datasets)
+            return cls.from_json(File(place).read_json(), datasets)
         except (OSError, ValueError, RecursionError) as error:
             raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
 
@@ -217,35 +206,35 @@ class Results:
 
         For `datasets` see `load`.
         """
-        rules = rules_of(content)
-        about = content["dataset"]
-        run = TrainedRun(**taken(content["run"], RUN)) if "run" in content else None
-        known = None if datasets is None else datasets(about["config"])
-        splits = {name: scores_of(name, told, rules) for name, told in content["splits"].items()}
+        file: ResultsFile = typed.read_as(ResultsFile, content)
+        cells = prod(parse_size(file.dataset.config.partition("-")[0]))
+        splits = {}
+        for split, played in file.splits.items():
+            with _of(split):
+                splits[split] = played.scores(cells, file.evaluated.episodes)
         missing = [split for split in EVALUATED_SPLITS if split not in splits]
-        if not splits or (run is not None and missing):
+        if not splits or (file.run is not None and missing):
             raise ValueError(f"it has no results on {', '.join(missing)}")
-        for name, by_split in content["baselines"].items():
-            check_shape(by_split, dict.fromkeys(splits, FIGURES), f"it.baselines.{name}")
-        judged, policy = content.get("judged"), content.get("policy")
-        asked = content.get("memorised")
+        for name, by_split in file.baselines.items():
+            if lacking := splits.keys() - by_split.keys():
+                raise ValueError(f"it.baselines.{name} has no {min(lacking)}")
+        if file.memorised is not None:
+            check_receipt(file.memorised, splits, cells)
         found = cls(
-            dataset=about["source"],
-            revision=about["revision"],
-            config=about["config"],
-            fingerprint=about["fingerprint"],
-            **taken(content["evaluated"], EVALUATED),
+            dataset=file.dataset.source,
+            revision=file.dataset.revision,
+            config=file.dataset.config,
+            fingerprint=file.dataset.fingerprint,
+            **vars(file.evaluated),
             splits=splits,
-            baselines={
-                name: {split: taken(by_split[split], FIGURES) for split in splits}
-                for name, by_split in content["baselines"].items()
-            },
-            run=run,
-            method=Description(**taken(content["method"], METHOD)),
-            judged=None if judged is None else Judgement(**taken(judged, JUDGEMENT)),
-            policy=None if policy is None else Origin(**taken(policy, ORIGIN)),
-            memorised=None if asked is None else receipt_in(asked, splits, rules.cells),
+            baselines=cast(Any, file.baselines),
+            run=file.run,
+            method=file.method,
+            judged=file.judged,
+            policy=file.policy,
+            memorised=file.memorised,
         )
+        known = None if datasets is None else datasets(found.config)
         if known is not None and known.fingerprint == found.fingerprint:
             found._compare_with(known)
         return found
@@ -267,9 +256,9 @@ class Results:
             )
         for split, scores in self.splits.items():
             right = known.split(split, None if run is None else run.first_labyrinths)
-            refuse(split, right.differences(scores, looks_up=self.way == "look-ups"))
-            baselines = {name: by_split[split] for name, by_split in self.baselines.items()}
-            refuse(split, right.other_baselines(baselines, blind=run is not None))
+            beside = {name: by_split[split] for name, by_split in self.baselines.items()}
+            with _of(split):
+                right.require_same(scores, beside, blind=run is not None)
 
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
@@ -287,7 +276,7 @@ class Results:
                 "config": self.config,
                 "fingerprint": self.fingerprint,
             },
-            "evaluated": {name: getattr(self, name) for name in EVALUATED},
+            "evaluated": {each.name: getattr(self, each.name) for each in fields(Evaluated)},
             **run,
             **judged,
             **policy,
@@ -295,6 +284,15 @@ class Results:
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(found) for name, found in self.baselines.items()},
         }
+
+
+@contextmanager
+def _of(split: str) -> Iterator[None]:
+    """Name the split in the message of a ValueError."""
+    try:
+        yield
+    except ValueError as error:
+        raise ValueError(f"{split}: {error}") from error
 
 
 def _described(scores: Scores) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
-from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rules import RULES
 
 EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
 """The splits on which a trained policy is evaluated."""
@@ -189,8 +189,8 @@ def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
     Args:
         returns: The mean return for each seed and labyrinth, shape (seeds, labyrinths).
     """
-    lowest = min(-STEP_LIMIT * STEP_PENALTY, float(returns.min()))
-    return interval(returns, ends=(lowest, GOAL_REWARD))
+    lowest = min(-RULES.step_limit * RULES.step_penalty, float(returns.min()))
+    return interval(returns, ends=(lowest, RULES.goal_reward))
 
 
 def _mean(values: NDArray[Any]) -> float | None:

@@ -21,11 +21,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import draw_labyrinths, episodes_in
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.vector import tile_count, vector_observations
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import state_index
 from labyrinth_core.world.labyrinth import Labyrinth
 
 FIRST_SEED = 2**62
@@ -48,7 +47,7 @@ TrainSet = tuple[DatasetConfig, Sequence[Labyrinth]]
 
 def train_set(config: DatasetConfig) -> TrainSet:
     """Draw the train of a dataset; it is shorter than `config.labyrinths` if no more are found."""
-    return config, list(islice(draw_labyrinths(config, "train"), config.labyrinths))
+    return config, list(islice(Drawing(config).labyrinths("train"), config.labyrinths))
 
 
 def control_sets(config: DatasetConfig, count: int) -> Iterator[TrainSet]:
@@ -69,7 +68,7 @@ class Demonstrated:
     labyrinth: NDArray[np.int64]
     """The number of each state's labyrinth among `labyrinths`, shape (M,)."""
     state: NDArray[np.int64]
-    """The index of each state in its labyrinth, as in `dynamics.state_index`, shape (M,)."""
+    """The index of each state in its labyrinth, as in `Labyrinth.state_index`, shape (M,)."""
     shares: NDArray[np.float32]
     """The share of the demonstrations that take each action in the state, shape (M, 4)."""
 
@@ -85,10 +84,10 @@ class Demonstrated:
         for train, (config, labyrinths) in enumerate(sets):
             batches.append(Labyrinths.of(labyrinths))
             for labyrinth in labyrinths:
-                for episode in episodes_in(config, "train", labyrinth):
+                for episode in Drawing(config).episodes("train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
-                        place = train, number, state_index(labyrinth, state)
+                        place = train, number, labyrinth.state_index(state)
                         taken.setdefault(place, [0, 0, 0, 0])[action] += 1
                 number += 1
         counts = np.array([*taken.values()], np.float32)
@@ -119,7 +118,7 @@ def compared(
     set has for a state come together.
     """
     batch = Labyrinths.of(arrays.labyrinths)
-    tiles = tile_count(batch.task)
+    tiles = batch.task.rules.positions
     length = _vectors(batch, np.array([0]), np.array([0])).size
     here = arrays.state[states]
     for state in np.unique(here).tolist():
@@ -152,7 +151,8 @@ def _in_blocks(
 def _vectors(
     labyrinths: Labyrinths, which: NDArray[np.int64], states: NDArray[np.int64]
 ) -> NDArray[np.int32]:
-    return vector_observations(labyrinths.take(which), np.arange(len(which)), states)
+    alone = np.arange(len(which))
+    return ObservationSpec("vector").look_together(labyrinths.take(which), alone, states)
 
 
 def _differences(

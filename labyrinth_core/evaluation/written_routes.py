@@ -10,9 +10,9 @@ from bisect import bisect
 from dataclasses import dataclass
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import Action, State, initial, step_limit, transition
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import moves_of
+from labyrinth_core.world.rules import Action, State
+from labyrinth_core.world.solver import Solver
 
 _MARK = re.compile(r"answer[\s*_]{0,9}:", re.IGNORECASE)
 _WORD = re.compile(r"[^\W\d_]+")
@@ -73,8 +73,8 @@ def score_answer(labyrinth: Labyrinth | str, answer: str | None) -> RouteScore:
     """
     if isinstance(labyrinth, str):
         labyrinth = parse(labyrinth)
-    moves, optimum = read_moves(answer or ""), moves_of(labyrinth)
-    state, limit = initial(labyrinth), step_limit(labyrinth)
+    moves, optimum = read_moves(answer or ""), Solver(labyrinth).moves
+    state, limit = labyrinth.initial, labyrinth.step_limit
     steps = reason = None
     for place, move in enumerate(moves):
         if steps is not None:
@@ -83,7 +83,7 @@ def score_answer(labyrinth: Labyrinth | str, answer: str | None) -> RouteScore:
             reason = "limit" if place == limit else _why_not(labyrinth, state, move)
         if reason is not None:
             return RouteScore(moves, optimum, steps, place, reason)
-        state = transition(labyrinth, state, move)
+        state = labyrinth.transition(state, move)
         if state.agent == labyrinth.goal:
             steps = place + 1
     if steps is None:
@@ -98,7 +98,7 @@ def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
         return "wall"
     if beside in labyrinth.ice:
         return "ice"
-    return "door" if transition(labyrinth, state, move) == state else None
+    return "door" if labyrinth.transition(state, move) == state else None
 
 
 def read_moves(answer: str) -> tuple[Action, ...]:

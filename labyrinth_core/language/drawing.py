@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.dynamics import State, neighbours, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, neighbours
+from labyrinth_core.world.structure import Structure
 
 AGENT, HIDDEN, ROUTE = "@", "?", "."
 
@@ -30,7 +31,7 @@ def draw_text(
         drawing[place] = ROUTE if drawing[place] == " " else drawing[place]
     if state is not None:
         if labyrinth.task.rules.hides:
-            _hide(drawing, labyrinth, visible_from(structure, state.agent))
+            _hide(drawing, labyrinth, structure.visible_from(state.agent))
         for tile, gone in ((labyrinth.key, state.has_key), (labyrinth.door, state.door_open)):
             if tile is not None and gone:
                 drawing[_place(structure, tile)] = " "

@@ -17,15 +17,9 @@ from labyrinth_core.language.source_text import (
     character_at,
     with_line_feeds,
 )
-from labyrinth_core.world.dynamics import neighbours
-from labyrinth_core.world.labyrinth import (
-    MAX_SIDE,
-    MIN_SIDE,
-    Labyrinth,
-    LabyrinthError,
-    Structure,
-    Task,
-)
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task, neighbours
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure
 
 _Pair = tuple[int, tuple[int, int]]
 """The offset of a pair of numbers in the text, and the pair."""

@@ -15,7 +15,8 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, LabyrinthError
+from labyrinth_core.world.rules import LabyrinthError
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
 
 MAX_TEXT = 32 * 1024 * 1024
 """The most characters of a text, or bytes of a file; the largest drawing has a quarter of that."""

@@ -12,22 +12,12 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
+from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.labyrinth import (
-    MAX_SIDE,
-    MIN_SIDE,
-    TILES,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Sketch,
-    Structure,
-    Task,
-    digits,
-    identity,
-    whole,
-)
-from labyrinth_core.world.tasks import default_start_and_goal, place
+from labyrinth_core.world.labyrinth import Labyrinth, Sketch
+from labyrinth_core.world.rules import TILES, LabyrinthError, Look, Task
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, digits, identity
+from labyrinth_core.world.tasks import Placer, default_start_and_goal
 
 __all__ = [
     "SETTINGS",
@@ -330,7 +320,7 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
         return Labyrinth(structure, start, goal, task, look=look, **tiles)
     rng = np.random.default_rng(whole("seed", seed, 0))
     drawn = {name: cell for name, cell in singles.items() if cell is not None}
-    return place(structure, start, goal, task, rng, look=look, **drawn)
+    return Placer(rng).place(structure, start, goal, task, look=look, **drawn)
 
 
 def _ends(source: Source, drawing: _Drawing) -> tuple[int, int]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 
 START, GOAL = 2, 3

@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 from torch import nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.contract import check_policy
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, walk
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, roll_out
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.spec import OWN, NetworkSpec
-from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth
 
 LABYRINTHS = 8
@@ -106,7 +106,7 @@ def _problem(method: Any, settings: Any, height: int, width: int, task: Task) ->
     rng = np.random.default_rng(0)
     sampled = {sample_labyrinth(height, width, task, rng) for _ in range(4 * LABYRINTHS)}
     labyrinths = sorted(sampled, key=str)[:LABYRINTHS]
-    routes = [np.array(shortest_route(each, rng), np.int64) for each in labyrinths]
+    routes = [np.array(Solver(each).shortest_route(rng), np.int64) for each in labyrinths]
     module = method.__module__.rpartition(".")[2]
     encoder = module if module in OWN else "cnn"
     spec = NetworkSpec(encoder, height, width, str(task))

@@ -20,8 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import Episode, State, replay
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State
+from labyrinth_core.world.structure import UNREACHABLE
 
 NO_LABEL = -1
 

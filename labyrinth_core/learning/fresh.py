@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import draw_labyrinths, episodes_in
-from labyrinth_core.data.observations import ObservationSpec
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 
 RENEWING = 3
@@ -46,7 +46,7 @@ class FreshLabyrinths:
 
     def labyrinths(self, epoch: int) -> Iterator[Labyrinth]:
         """Yield the labyrinths of an epoch."""
-        return islice(draw_labyrinths(self.config_of(epoch), "train"), self.config.labyrinths)
+        return islice(Drawing(self.config_of(epoch)).labyrinths("train"), self.config.labyrinths)
 
     def renewed(self, problem: Problem, epoch: int) -> Problem:
         """Return a problem with the labyrinths of an epoch, from 0 on, and their demonstrations."""
@@ -54,10 +54,8 @@ class FreshLabyrinths:
 
         def routes(split: str) -> list[list[NDArray[np.int64]]]:
             """Return the actions of the episodes of each labyrinth."""
-            return [
-                [episode.actions.astype(np.int64) for episode in episodes_in(config, split, each)]
-                for each in drawn
-            ]
+            episodes = (Drawing(config).episodes(split, each) for each in drawn)
+            return [[each.actions.astype(np.int64) for each in of_one] for of_one in episodes]
 
         def exploration() -> Steps:
             walks = routes("random")

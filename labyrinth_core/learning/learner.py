@@ -159,11 +159,6 @@ class Learner(ABC):
         return figures["validation_sr"] >= best["validation_sr"]
 
     @classmethod
-    def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:  # noqa: ARG003
-        """Return the figures of a policy under the protocol's own rules, if it has any."""
-        return {}
-
-    @classmethod
     def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
         """Return the policy that acts, in any form that `evaluate` accepts.
 

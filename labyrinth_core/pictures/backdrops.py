@@ -31,8 +31,8 @@ from labyrinth_core.pictures.renderer import (
     Style,
     squares,
 )
-from labyrinth_core.pictures.vector import hide, tile_count
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.pictures.vector import hide
+from labyrinth_core.world.rules import Task
 
 Pictures = NDArray[np.uint8]
 """Shape (N, image_size, image_size, 3)."""
@@ -258,7 +258,7 @@ def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     Returns:
         Shapes (N, cells) and (N, 2 height + 3, 2 width + 3).
     """
-    height, width, first = scenes.height, scenes.width, tile_count(scenes.task)
+    height, width, first = scenes.height, scenes.width, scenes.task.rules.positions
     tiles = scenes.vectors[:, :first]
     grids = scenes.vectors[:, first:].reshape(-1, 2 * height - 1, 2 * width - 1)
     if scenes.visible is not None:

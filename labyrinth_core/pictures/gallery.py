@@ -28,7 +28,7 @@ from labyrinth_core.pictures.backdrops import (
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import Style, style_for
 from labyrinth_core.pictures.scenes import draw_states
-from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.rules import Look, Task
 
 LOOKS = tuple(Look)
 
@@ -45,7 +45,7 @@ class Stack(Protocol):
         """Return the index of each agent's state within its labyrinth, shape (count,)."""
 
     def visible(self) -> NDArray[np.bool_]:
-        """Return `dynamics.visible_from` for each agent, shape (count, height, width)."""
+        """Return `Structure.visible_from` for each agent, shape (count, height, width)."""
 
 
 class Gallery:

@@ -14,10 +14,11 @@ from itertools import accumulate, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
-from labyrinth_core.world.dynamics import State, visible_from
-from labyrinth_core.world.labyrinth import TILES, Labyrinth, Look, whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, Look, State
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
 """The most rows and columns with which every cell and wall still has a pixel."""
@@ -213,7 +214,7 @@ class Painter:
     def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
         """Return all strips as the agent sees them; passages out of sight are drawn as walls."""
         labyrinth = self._labyrinth
-        seen = visible_from(labyrinth.structure, state.agent)
+        seen = labyrinth.structure.visible_from(state.agent)
         shown = seen | {labyrinth.start, labyrinth.goal}
         hidden = dict.fromkeys(set(range(labyrinth.structure.cells)) - shown, HIDDEN)
         rows = [0] * labyrinth.structure.height

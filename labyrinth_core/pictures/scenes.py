@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.checks import whole
 from labyrinth_core.pictures.backdrops import (
     Backdrops,
     Mask,
@@ -31,8 +32,8 @@ from labyrinth_core.pictures.vector import (
     seen_by,
 )
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import State, state_index, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Task, whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, to draw together."""
@@ -103,14 +104,14 @@ def _draw_alike(
     def visible(which: Numbers, agents: Numbers) -> Mask:
         seen = np.zeros((len(which), shape[0] * shape[1]), np.bool_)
         for row, number, agent in zip(seen, which.tolist(), agents.tolist(), strict=True):
-            row[list(visible_from(distinct[number].structure, agent))] = True
+            row[list(distinct[number].structure.visible_from(agent))] = True
         return seen.reshape(-1, *shape[:2])
 
     return draw_states(
         shape,
         np.stack([initial_vector(labyrinth) for labyrinth in distinct]),
         np.array(which),
-        np.array([state_index(*view) for view in views]),
+        np.array([labyrinth.state_index(state) for labyrinth, state in views]),
         image_size,
         style,
         resize,
@@ -133,7 +134,7 @@ def draw_many(
     Args:
         labyrinths: The labyrinths.
         which: The index of the labyrinth in each picture, shape (N,).
-        states: The index of the state in each, as in `dynamics.state_index`, shape (N,).
+        states: The index of the state in each, as in `Labyrinth.state_index`, shape (N,).
         image_size: Pixels on each side of a picture.
         wall_pixels: The thickness of walls; None for the thickness of the labyrinths' look.
         resize: One of `resize.RESIZES`.
@@ -180,7 +181,7 @@ def draw_states(
         shape: The rows and columns of cells, and the task.
         vectors: The `initial_vector` of each labyrinth, shape (L, length).
         which: The index of the labyrinth in each picture, shape (N,).
-        states: The index of the state in each, as in `dynamics.state_index`, shape (N,).
+        states: The index of the state in each, as in `Labyrinth.state_index`, shape (N,).
         image_size: Pixels on each side of a picture.
         style: The colours and the thickness of walls.
         resize: One of `resize.RESIZES`.

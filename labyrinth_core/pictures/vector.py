@@ -12,9 +12,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch import Labyrinths, Structures
-from labyrinth_core.world.dynamics import State, seen_together, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.batch import Labyrinths, Structures, seen_together
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
 
 OPEN, WALL, ICE = 0, 1, 2
 """The entries of the wall grid; what the agent does not see is encoded as a wall.
@@ -24,11 +24,6 @@ GONE = -1
 """The position of a key that was picked up, or of a door that was opened."""
 
 VectorArray = NDArray[np.int32]
-
-
-def tile_count(task: Task) -> int:
-    """Return the number of positions before the wall grid: 5 with key and door, otherwise 3."""
-    return 3 + len(task.rules.singles)
 
 
 def grid_indices(height: int, width: int) -> VectorArray:
@@ -113,8 +108,8 @@ def vector_observation(labyrinth: Labyrinth, state: State) -> VectorArray:
             vector[4] = GONE
     if labyrinth.task.rules.hides:
         visible = np.zeros((structure.height, structure.width), np.bool_)
-        visible.flat[list(visible_from(structure, state.agent))] = True
-        grid = vector[tile_count(labyrinth.task) :]
+        visible.flat[list(structure.visible_from(state.agent))] = True
+        grid = vector[labyrinth.task.rules.positions :]
         hide(grid.reshape(2 * structure.height - 1, 2 * structure.width - 1), visible)
         grid[vector[1:3]] = OPEN
     return vector
@@ -128,7 +123,7 @@ def vector_observations(
     Args:
         labyrinths: The labyrinths of the states.
         which: The index of each state's labyrinth, shape (N,).
-        states: The index of each state, as in `dynamics.state_index`, shape (N,).
+        states: The index of each state, as in `Labyrinth.state_index`, shape (N,).
     """
     vectors = initial_vectors(labyrinths.structures, labyrinths.tiles, labyrinths.ground)[which]
     visible = None
@@ -163,7 +158,7 @@ def show_states(
         vectors[:, 3][phase >= 1] = GONE
         vectors[:, 4][phase == 2] = GONE
     if visible is not None:
-        grids = vectors[:, tile_count(task) :]
+        grids = vectors[:, task.rules.positions :]
         # A view: splitting an axis copies nothing.
         hide(grids.reshape(len(vectors), 2 * height - 1, 2 * width - 1), visible)
         for tile in (1, 2):

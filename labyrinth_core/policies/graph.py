@@ -43,6 +43,9 @@ class GraphPolicy:
     The process that computes it ends with `close`, with a `with` block, or with the object.
     """
 
+    run = None
+    """No record says how it was trained."""
+
     def __init__(self, content: bytes, named: str) -> None:
         """Start a process and load a graph into it.
 

@@ -1,23 +1,22 @@
 """`load_policy` loads a policy for `evaluate` from a folder or the Hub.
 
-It reads two files of data: `config.json` or, for a run, `run.json`, in which every value is
-checked; and weights in the safetensors format, which holds no code. Nothing else is downloaded, and
-no code is executed.
+It reads two files of data: `config.json`, in which every value is checked, and weights in the
+safetensors format, which holds no code; in the folder of a run also its record. Nothing else is
+downloaded, and no code is executed.
 """
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import file_sha256, read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.policies.record import SUMS, listed, read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS, PolicySpec
+from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
+from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 
 if TYPE_CHECKING:
@@ -29,7 +28,6 @@ PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
     **PUBLISHED,
     RECORD: 1 << 26,
-    POLICY: 1 << 28,
     GRAPH: 1 << 28,
     SUMS: 1 << 20,
 }
@@ -66,36 +64,44 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
     folder = located(source, revision)
-    if (folder / RECORD).exists() and not (folder / CONFIG).exists():
-        return _with_weights(_read_spec_of_run(folder), folder / POLICY)
-    return _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
+    record = read_run(folder)  # It compares the files with their hashes in the record.
+    policy = _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
+    if record is not None and ":" not in record["run"]["method"]:
+        policy.run = trained_run(record)
+    return policy
 
 
-def located(
-    source: str | Path, revision: str | None, names: Iterable[str] = tuple(PUBLISHED)
-) -> Path:
+def located(source: str | Path, revision: str | None) -> Path:
     """Return the folder with the files of a policy; for an id, download them first.
 
-    Args:
-        source: As for `load_policy`.
-        revision: As for `load_policy`.
-        names: The names of the files to download, from the keys of `MOST_BYTES`.
-
-    Raises:
-        ValueError, DatasetError: As for `load_policy`.
+    The arguments and errors are those of `load_policy`.
     """
     folder = Path(source).expanduser()
-    if folder.is_dir():
-        if revision is not None:
-            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        _require_listed(folder, PUBLISHED)
-        return folder
-    if not HUB_ID.fullmatch(str(source)):
-        raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
+    if not folder.is_dir():
+        if not HUB_ID.fullmatch(str(source)):
+            raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
+        return downloaded(str(source), revision, PUBLISHED)
+    if revision is not None:
+        raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+    _require_listed(folder, PUBLISHED)
+    return folder
+
+
+def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path:
+    """Download those files of a policy that exist, and return the folder of their commit.
+
+    Args:
+        repo_id: The model on the Hub.
+        revision: As for `load_policy`.
+        names: The names of the files, from the keys of `MOST_BYTES`.
+
+    Raises:
+        DatasetError: A file is too large or damaged, or the Hub does not give it.
+    """
     from labyrinth_core.data import hub
 
     names = [*names]
-    folder = hub.fetched(str(source), revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
+    folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
     _require_listed(folder, names)
     return folder
 
@@ -104,7 +110,7 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
     """Raise DatasetError if a file of a policy has another hash than in the folder's list."""
     for name in names:
         path, hashes = folder / name, listed(folder / SUMS, name)
-        if hashes and path.exists() and file_sha256(path) not in hashes:
+        if hashes and path.exists() and File(path).sha256() not in hashes:
             again = "download it again" if name in PUBLISHED else "train it again"
             raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
 
@@ -118,26 +124,12 @@ def check_size(place: object, name: str, size: int) -> None:
 def _read_spec(path: Path) -> PolicySpec:
     try:
         check_size(path, CONFIG, path.stat().st_size)
-        return PolicySpec.from_json(read_json(path))
+        return PolicySpec.from_json(File(path).read_json())
     except FileNotFoundError as error:
         reason = f"the folder holds neither a published policy nor a run ({RECORD})"
         raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
-
-
-def _read_spec_of_run(folder: Path) -> PolicySpec:
-    """Return the specification of a run's policy; the file of weights names the network's shape."""
-    record = folder / RECORD
-    check_size(record, RECORD, record.stat().st_size)
-    content = read_run(folder)
-    assert content is not None  # The caller has found the file.
-    _, texts = _read_weights(folder / POLICY)
-    try:
-        network = json.loads(texts.get("network", "null"))
-        return PolicySpec.from_json(PolicySpec.of_run(network, content["run"]).to_json())
-    except _UNREADABLE as error:
-        raise DatasetError(f"{record} describes no policy: {one_line(error):.300}") from error
 
 
 def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:

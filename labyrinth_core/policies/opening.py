@@ -17,14 +17,14 @@ from typing import Any
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
-from labyrinth_core.policies.load import check_size, load_policy, located
-from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, POLICY, RECORD, WEIGHTS
+from labyrinth_core.policies.load import check_size, downloaded, load_policy
+from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 
-_KINDS = ((WEIGHTS, CONFIG), (POLICY, RECORD), (GRAPH,))
+_KINDS = ((WEIGHTS, CONFIG), (GRAPH,))
 """The files of each kind of policy, the weights first."""
 
 _MODULE = re.compile(r"[\w.]+:[\w.]+")
@@ -52,7 +52,7 @@ class PolicyFiles:
         for name, path in self.paths.items():
             try:
                 check_size(path, name, path.stat().st_size)
-                hashes[name] = file_sha256(path)
+                hashes[name] = File(path).sha256()
             except OSError as error:
                 raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         return Origin(source=self.source, commit=self.commit, files=hashes)
@@ -63,9 +63,9 @@ def open_policy(source: str | Path, *, revision: str | None = None, code: bool =
 
     | source | policy |
     |---|---|
-    | the folder of a run, such as `runs/5x5/bc-cnn-seed0` | as `load_policy` returns it; `run` is \
-the training run that made it |
-    | a folder with `config.json` and `model.safetensors` | as `load_policy` returns it |
+    | a folder with `config.json` and `model.safetensors`, such as a run's \
+`runs/5x5/bc-cnn-seed0` | as `load_policy` returns it; `run` is the training run that made it, \
+if the folder has its `run.json` |
     | a file such as `policy.onnx`, or a folder with `model.onnx` | an ONNX graph, computed in a \
 process without access to files and keys; `close()` ends it |
     | an id on the Hub, such as `user/planner-5x5@1.0.0` | one of the last two |
@@ -101,12 +101,7 @@ is a class or a function without required arguments |
     files = files_of(source, revision)
     origin = files.origin()
     policy = open_files(files.paths, name)
-    policy.origin, policy.run = origin, None
-    if RECORD in files.paths:
-        folder = files.paths[RECORD].parent
-        record = read_run(folder)
-        if record is not None and ":" not in record["run"]["method"]:
-            policy.run = trained_run(folder)
+    policy.origin = origin
     return policy
 
 
@@ -153,7 +148,7 @@ def files_of(
         raise PolicyNameError(f"{told}: @ and the SHA-256 of its weights pin it")
     files = PolicyFiles(name, None, _in_folder(place))
     weights, path = next(iter(files.paths.items()))
-    if revision is not None and (found := file_sha256(path)) != revision:
+    if revision is not None and (found := File(path).sha256()) != revision:
         raise DatasetError(
             f"{name}: {weights} differs from the named revision: it is {found:.16}, "
             f"not {revision:.16}"
@@ -166,26 +161,20 @@ def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     if not HUB_ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")
-    from huggingface_hub import HfApi
-
-    from labyrinth_core.data import hub
-
-    hub.prepare_client()
-    try:
-        found = HfApi().model_info(source, revision=revision)
-    except hub.UNAVAILABLE as error:
-        reason = f"{source} is not a folder, and cannot be loaded from the Hub"
-        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    commit = str(found.sha)
-    names = _kind(source, {each.rfilename for each in found.siblings or ()})
-    folder = located(source, commit, names)
-    return PolicyFiles(source, commit, {name: folder / name for name in names})
+    for names in _KINDS:
+        folder = downloaded(source, revision, names)
+        revision = commit = folder.name  # The client's cache has a folder for each commit.
+        if all((folder / name).is_file() for name in names):
+            return PolicyFiles(source, commit, {name: folder / name for name in names})
+    raise _no_policy(source)
 
 
 def _in_folder(place: Path) -> dict[str, Path]:
     """Return the files of a policy by name: those in a folder, or a single ONNX graph."""
     if place.is_dir():
         held = {path.name for path in place.iterdir()}
+        if RECORD in held and not held.intersection((WEIGHTS, GRAPH)):
+            read_run(place)  # It says what to do with a run of an earlier version.
         return {name: place / name for name in _kind(str(place), held)}
     if place.suffix != ".onnx":
         raise DatasetError(
@@ -199,8 +188,12 @@ def _kind(place: str, held: set[str]) -> tuple[str, ...]:
     for names in _KINDS:
         if held >= set(names):
             return names
+    raise _no_policy(place)
+
+
+def _no_policy(place: str) -> DatasetError:
     kinds = "; ".join(" and ".join(names) for names in _KINDS)
-    raise DatasetError(f"{place} holds no policy: give {kinds}")
+    return DatasetError(f"{place} holds no policy: give {kinds}")
 
 
 def imported(name: str, load: Callable[[str], Any] = import_module) -> Any:

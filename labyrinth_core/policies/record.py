@@ -4,55 +4,68 @@ from __future__ import annotations
 
 import platform
 import re
+from collections.abc import Mapping
+from dataclasses import fields
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal, TypedDict
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import file_sha256, read_json
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.results_form import RUN, TRAINING, taken
-from labyrinth_core.evaluation.schema import COUNT, Each, Text, check_shape
-from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.data.storage import File
+from labyrinth_core.evaluation.description import TrainedRun, Training
+from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
 
-FORMAT = 1
+FORMAT = 2
 SUMS = "SHA256SUMS"
 """The list of the hashes of a folder's files, in the format of `sha256sum`."""
 
-_CHOSEN = ("encoder", "protocol", "train_labyrinths", "seed", "settings")
-_LEARNT_FROM = ("config", "dataset", "revision", "fingerprint")
-_SHAPE = {
-    "format": FORMAT,
-    "run": {
-        "method": Text(r"\w[\w.:-]*"),
-        "observation": Text("image|vector"),
-        **taken(RUN, (*_CHOSEN, *_LEARNT_FROM)),
-    },
-    **TRAINING,
-    "history": Each({"epoch": COUNT}),
-    "files": {POLICY: Text("[0-9a-f]{64}")},
-}
+
+class MadeBy(TypedDict):
+    """What determines the weights of a run; a method in Python has its `code`, too."""
+
+    method: Annotated[str, typed.Like(r"\w[\w.:-]*")]
+    encoder: typed.Word
+    observation: Literal["image", "vector"]
+    protocol: typed.Word
+    train_labyrinths: typed.Learnt
+    seed: typed.Seed
+    settings: Mapping[typed.Word, Any]
+    config: typed.ConfigName
+    dataset: str
+    revision: str | None
+    fingerprint: typed.Sha256
 
 
-def read_run(folder: Path) -> dict[str, Any] | None:
+class Record(Training):
+    """The content of `run.json`."""
+
+    format: Literal[2]
+    run: MadeBy
+    history: list[Mapping[str, Any]]
+    """The metrics of each epoch."""
+    files: Mapping[typed.Word, typed.Sha256]
+    """Name -> SHA-256 of the other files, among them the weights."""
+
+
+def read_run(folder: Path) -> Record | None:
     """Return the content of `run.json`, or None if the folder holds no finished run.
 
     The file is compared with its hash in the folder's `SHA256SUMS`, if that lists it, and the
-    weights with their hash in `run.json`.
+    policy's files with theirs in `run.json`.
 
     Raises:
-        DatasetError: One of the two files is damaged, or `run.json` has another form.
+        DatasetError: One of these files is damaged, or `run.json` has another form.
     """
-    path, weights = folder / RECORD, folder / POLICY
+    path = folder / RECORD
     again = "stages=train overwrite=true makes it again"
     try:
         expected = listed(folder / SUMS, RECORD)
-        if expected and file_sha256(path) not in expected:
+        if expected and File(path).sha256() not in expected:
             told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
             raise DatasetError(f"{told}; {again}")
-        content = read_json(path)
-        check_shape(content, _SHAPE)
+        content: Record = typed.read_as(Record, File(path).read_json())
         rows, selected = content["history"], content["selected"]
         if len(rows) != content["epochs"] or selected not in rows:
             told = f"{len(rows)} in its history, of which epoch {selected['epoch']} is selected"
@@ -60,35 +73,37 @@ def read_run(folder: Path) -> dict[str, Any] | None:
     except (FileNotFoundError, NotADirectoryError):
         return None
     except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}") from error
-    try:
-        found = file_sha256(weights)
-    except FileNotFoundError as error:
-        raise DatasetError(f"{weights} does not exist: stages=train makes it") from error
-    if found != content["files"][POLICY]:
-        told = f"{weights} is damaged: its sha256 is not the one in {RECORD}"
-        raise DatasetError(f"{told}; {again}")
-    return dict(content)
+        raise DatasetError(f"{path} cannot be read: {one_line(error):.300}; {again}") from error
+    for name in (WEIGHTS, CONFIG):
+        if name in content["files"] or name == WEIGHTS:
+            try:
+                found = File(folder / name).sha256()
+            except FileNotFoundError as error:
+                told = f"{folder / name} does not exist: stages=train makes it"
+                raise DatasetError(told) from error
+            if found != content["files"].get(name):
+                told = f"{folder / name} is damaged: its sha256 is not the one in {RECORD}"
+                raise DatasetError(f"{told}; {again}")
+    return content
 
 
-def trained_run(folder: Path, device: str = "cpu") -> TrainedRun:
-    """Return the training run in a folder, as results describe it; its policy runs on `device`.
-
-    Raises:
-        DatasetError: The folder holds no finished run, or one of its files is damaged.
-    """
-    record = read_run(folder)
-    if record is None:
-        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    made = record["run"]
+def trained_run(record: Record, device: str = "cpu") -> TrainedRun:
+    """Return a training run as results describe it; its policy runs on `device`."""
+    made: Mapping[str, Any] = record["run"]
+    shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
     return TrainedRun(
         method=TrainedRun.title_of(made["method"]),
-        **taken(made, (*_CHOSEN, *_LEARNT_FROM)),
-        training=taken(record, ("epochs", "seconds", "selected", "computed")),
+        **{name: made[name] for name in shared},
+        training={
+            "epochs": record["epochs"],
+            "seconds": record["seconds"],
+            "selected": record["selected"],
+            "computed": record["computed"],
+        },
         evaluated={
             "device": device,
             "versions": training_versions(),
-            "weights": record["files"][POLICY],
+            "weights": record["files"][WEIGHTS],
         },
     )
 

@@ -5,21 +5,23 @@ The file is data: every value is checked against the allowed values, and nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import Field, asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
 from math import inf
-from typing import Any, TypeVar
+from typing import Any, TypedDict, TypeVar
 
-from labyrinth_core.evaluation.schema import Exactly, Number, OneOf, check_shape
+from labyrinth_core.data import typed
+from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.labyrinth import MAX_SIDE, MIN_SIDE, Task
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
-"""The two files of a published policy."""
+"""The two files of a policy, trained or published."""
 
-RECORD, POLICY = "run.json", "policy.safetensors"
-"""The two files of a training run from which its policy is read; see `PolicySpec.of_run`."""
+RECORD = "run.json"
+"""The record of the training run that made a policy, beside these two."""
 
 GRAPH = "model.onnx"
 """The only file of an ONNX policy, which a season's judge reads and `load_policy` does not."""
@@ -158,12 +160,11 @@ class PolicySpec:
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
         from labyrinth_core.evaluation.answers import PolicyError
-        from labyrinth_core.pictures.vector import tile_count
 
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":
-            own = network.height, network.width, tile_count(Task(network.task))
-            if own != (height, width, tile_count(task)):
+            own = network.height, network.width, Task(network.task).rules.positions
+            if own != (height, width, task.rules.positions):
                 raise PolicyError(
                     f"the policy needs vectors of {network.height}x{network.width}, "
                     f"{network.task}: those of {shape}, {task}, have another layout"
@@ -190,24 +191,20 @@ class PolicySpec:
         }
 
     @classmethod
-    def of_run(cls, network: Any, run: Any) -> PolicySpec:
-        """Return the specification of a training run's policy; `from_json` checks its content.
+    def of_run(cls, network: NetworkSpec, run: Mapping[str, Any]) -> PolicySpec:
+        """Return the specification of the policy that a training run makes.
 
         Args:
-            network: The fields of the `NetworkSpec`.
-            run: The choices that determine the run, including the `settings` of its method.
-
-        Raises:
-            ValueError: The protocol of the run does not exist, or the network has other fields.
+            network: The network.
+            run: The choices that determine the run: its `protocol`, and the `settings` of its
+                method.
         """
-        shape, settings = _read(NetworkSpec, network, "network"), run["settings"]
-        check_shape(run["protocol"], OneOf(tuple(RESIZE_OF_PROTOCOL)), "protocol")
-        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
-        of_method = OWN.get(shape.encoder)
+        settings, of_method = run["settings"], OWN.get(network.encoder)
         own = None
         if of_method is not None:
-            own = of_method(**{each.name: settings.get(each.name) for each in fields(of_method)})
-        return cls(shape, settings.get("average", False), own, resize)
+            own = of_method(**{each.name: settings[each.name] for each in fields(of_method)})
+        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
+        return cls(network, settings.get("average", False), own, resize)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:
@@ -216,43 +213,53 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.data.observations import RESIZES
+        from labyrinth_core.pictures.observations import RESIZES
 
-        check_shape(content, {"network": None, "average": None})
+        content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")
         name, average = network.encoder, content["average"]
-        check_shape(average, _BOOLEAN, "average")
         own = _read(OWN[name], content.get(name), name) if name in OWN else None
         if average and name == MAPPER:
             raise ValueError("average is True, but a mapper does not average over symmetries")
         if isinstance(own, PlannerSpec):
             own.require_bounded(average)
         resize = content.get("resize", "area")
-        check_shape(resize, OneOf(tuple(RESIZES)), "resize")
+        _require_one_of("resize", resize, RESIZES)
         spec = cls(network, average, own, resize)
         expected = spec.to_json()
-        check_shape(content, Exactly(dict.fromkeys(expected)))
+        for name in content:
+            if name not in expected:
+                raise ValueError(f"it has {printable_line(name):.60}, which is unknown")
         for name, value in expected.items():
-            if content[name] != value:
-                raise ValueError(f"{name} is {content[name]!r:.60}, not {value!r}")
+            if content.get(name) != value:
+                raise ValueError(f"{name} is {content.get(name)!r:.60}, not {value!r}")
         return spec
+
+
+class _Config(TypedDict):
+    """What every `config.json` has, besides what follows from it."""
+
+    network: Mapping[str, Any]
+    average: bool
 
 
 Spec = TypeVar("Spec")
 
 
 def _read(cls: type[Spec], values: Any, place: str) -> Spec:
-    declared = fields(cls)  # type: ignore[arg-type]
-    check_shape(values, Exactly({each.name: _shape_of(each) for each in declared}), place)
-    return cls(**values)
+    """Return the values of a class whose fields `checked` declares."""
+    found: Spec = typed.read_as(cls, values, place)
+    for each in fields(cls):  # type: ignore[arg-type]
+        least, most, one_of, _ = each.metadata["checks"]
+        value = getattr(found, each.name)
+        if one_of:
+            _require_one_of(f"{place}.{each.name}", value, one_of)
+        elif least is not None and not least <= value <= most:
+            told = f"{place}.{each.name} is {value!r:.60}"
+            raise ValueError(f"{told}, not a number from {least:g} to {most:g}")
+    return found
 
 
-_BOOLEAN = OneOf((True, False))
-
-
-def _shape_of(declared: Field[Any]) -> Any:
-    """Return the shape of the values of a field that `checked` declared."""
-    least, most, one_of, _ = declared.metadata["checks"]
-    if declared.type == "bool":
-        return _BOOLEAN
-    return OneOf(tuple(one_of)) if one_of else Number(least, most, whole=declared.type == "int")
+def _require_one_of(place: str, value: Any, allowed: Iterable[Any]) -> None:
+    if value not in (known := [*allowed]):
+        raise ValueError(f"{place} is {value!r:.60}, not one of {', '.join(map(str, known))}")

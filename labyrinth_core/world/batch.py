@@ -11,19 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.dynamics import (
-    GOAL_REWARD,
-    STEP_PENALTY,
-    Action,
-    State,
-    initial,
-    is_terminal,
-    reward,
-    state_count,
-    state_index,
-)
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Look, Structure, Task, digits
-from labyrinth_core.world.solver import optimal_actions, table_and_distances
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import RULES, Action, Look, State, Task
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import DIAGONALS, UNREACHABLE, Structure, digits
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +63,7 @@ class Structures:
 class Labyrinths:
     """n labyrinths of one size, task and look; no two tiles of a labyrinth share a cell.
 
-    States are numbered as in `dynamics.state_index`.
+    States are numbered as in `Labyrinth.state_index`.
     """
 
     structures: Structures
@@ -137,7 +128,7 @@ class Labyrinths:
     def transitions(self) -> NDArray[np.int32]:
         """Return the state that each action leads to, shape (n, states, 4).
 
-        Rows of impossible states are meaningless, as in `dynamics.transition_table`.
+        Rows of impossible states are meaningless, as in `Labyrinth.transition_table`.
         """
         moves = self.structures.moves()
         if self.task is not Task.KEY_AND_DOOR:
@@ -155,47 +146,45 @@ class Labyrinths:
         np.put_along_axis(ends, self.tiles[:, 1:2], True, axis=1)
         return np.tile(ends, self.task.rules.phases)
 
+    def replay(
+        self,
+        which: NDArray[np.int64],
+        firsts: NDArray[np.int64],
+        actions: NDArray[np.int64],
+    ) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
+        """Return the states of all episodes, concatenated, and whether each state is terminal.
 
-def replay_many(
-    labyrinths: Labyrinths,
-    which: NDArray[np.int64],
-    firsts: NDArray[np.int64],
-    actions: NDArray[np.int64],
-) -> tuple[NDArray[np.int64], NDArray[np.bool_]] | None:
-    """Return the states of all episodes, concatenated, and whether each state is terminal.
+        The labyrinths must keep the rules. All episodes advance together, one step at a time.
 
-    All episodes advance together, one step at a time.
+        Args:
+            which: The number of each episode's labyrinth.
+            firsts: The index of each episode's first state in the result, ascending from 0.
+            actions: The action taken in each state, 0 to 3; arbitrary in an episode's last state.
 
-    Args:
-        labyrinths: Labyrinths that keep the rules.
-        which: The number of each episode's labyrinth.
-        firsts: The index of each episode's first state in the result, ascending from 0.
-        actions: The action taken in each state, 0 to 3; arbitrary in an episode's last state.
-
-    Returns:
-        The index of each state and whether an episode ends there, shape (len(actions),) each; None
-        if an episode continues after a terminal state.
-    """
-    transitions, terminal = labyrinths.transitions(), labyrinths.terminal()
-    states_of_one = terminal.shape[1]
-    offset = states_of_one * which
-    onward = transitions.ravel()
-    ends = np.append(firsts[1:], len(actions))
-    longest_first = np.argsort(firsts - ends, kind="stable")
-    lengths = (ends - firsts)[longest_first]
-    place, offset = firsts[longest_first], offset[longest_first]
-    now = labyrinths.tiles[which[longest_first], 0]
-    states = np.empty(len(actions), np.int64)
-    for step in range(lengths[0]):
-        going = np.searchsorted(-lengths, -step)
-        place, offset, now = place[:going], offset[:going], now[:going]
-        states[place] = now
-        now = onward.take(4 * (offset + now) + actions.take(place))
-        place = place + 1
-    over = terminal.ravel()[states_of_one * np.repeat(which, ends - firsts) + states]
-    last = np.zeros(len(actions), np.bool_)
-    last[ends - 1] = True
-    return None if (over & ~last).any() else (states, over)
+        Returns:
+            The index of each state and whether an episode ends there, shape (len(actions),) each;
+            None if an episode continues after a terminal state.
+        """
+        transitions, terminal = self.transitions(), self.terminal()
+        states_of_one = terminal.shape[1]
+        offset = states_of_one * which
+        onward = transitions.ravel()
+        ends = np.append(firsts[1:], len(actions))
+        longest_first = np.argsort(firsts - ends, kind="stable")
+        lengths = (ends - firsts)[longest_first]
+        row, offset = firsts[longest_first], offset[longest_first]
+        now = self.tiles[which[longest_first], 0]
+        states = np.empty(len(actions), np.int64)
+        for step in range(lengths[0]):
+            going = np.searchsorted(-lengths, -step)
+            row, offset, now = row[:going], offset[:going], now[:going]
+            states[row] = now
+            now = onward.take(4 * (offset + now) + actions.take(row))
+            row = row + 1
+        over = terminal.ravel()[states_of_one * np.repeat(which, ends - firsts) + states]
+        last = np.zeros(len(actions), np.bool_)
+        last[ends - 1] = True
+        return None if (over & ~last).any() else (states, over)
 
 
 @dataclass(frozen=True, eq=False)
@@ -218,62 +207,61 @@ class Tables:
     optimal_actions: NDArray[np.bool_]
     """Which actions begin a shortest route, shape (states, 4)."""
 
+    @classmethod
+    def of(cls, labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
+        """Return the tables of a labyrinth; arrays are read-only.
 
-def tabulate(labyrinth: Labyrinth, *, normalised: bool = False) -> Tables:
-    """Return the tables of a labyrinth; arrays are read-only.
+        Args:
+            labyrinth: The labyrinth to tabulate.
+            normalised: Whether to raise the goal's reward so that an optimal episode returns 1.
+        """
+        cells, count = labyrinth.structure.cells, labyrinth.state_count
+        solver = Solver(labyrinth)
+        first, start = labyrinth.initial, labyrinth.start
+        rewards = np.full(count, labyrinth.reward(first))
+        terminal = np.zeros(count, np.bool_)
+        for cell in (labyrinth.goal, *labyrinth.ice):
+            rewards[cell::cells] = labyrinth.reward(State(cell))
+            terminal[cell::cells] = labyrinth.is_terminal(State(cell))
+        if normalised:
+            rewards[labyrinth.goal :: cells] += (solver.moves - 1) * RULES.step_penalty / cells
+        arrays = (
+            np.array(solver.table, np.int32),
+            rewards,
+            terminal,
+            np.array(solver.distances, np.int64),
+            solver.optimal_actions(),
+        )
+        for array in arrays:
+            array.setflags(write=False)
+        return cls(start, *arrays)
 
-    Args:
-        labyrinth: The labyrinth to tabulate.
-        normalised: Whether to raise the reward of the goal so that an optimal episode returns 1.
-    """
-    cells, count = labyrinth.structure.cells, state_count(labyrinth)
-    transitions, distance = table_and_distances(labyrinth)
-    first = initial(labyrinth)
-    start = state_index(labyrinth, first)
-    rewards = np.full(count, reward(labyrinth, first))
-    terminal = np.zeros(count, np.bool_)
-    for cell in (labyrinth.goal, *labyrinth.ice):
-        rewards[cell::cells] = reward(labyrinth, State(cell))
-        terminal[cell::cells] = is_terminal(labyrinth, State(cell))
-    if normalised:
-        rewards[labyrinth.goal :: cells] += (distance[start] - 1) * STEP_PENALTY / cells
-    arrays = (
-        np.array(transitions, np.int32),
-        rewards,
-        terminal,
-        np.array(distance, np.int64),
-        optimal_actions(labyrinth),
-    )
-    for array in arrays:
-        array.setflags(write=False)
-    return Tables(start, *arrays)
+    @classmethod
+    def of_many(
+        cls, structures: Structures, start: int, goal: int, *, normalised: bool = False
+    ) -> Tables:
+        """Return the tables of labyrinths without key, door and ice, so that a state is a cell.
 
-
-def tabulate_many(
-    structures: Structures, start: int, goal: int, *, normalised: bool = False
-) -> Tables:
-    """Return the tables of labyrinths without key, door and ice, so that a state is a cell.
-
-    Args:
-        structures: Their structures, all connected.
-        start: The start cell of all of them.
-        goal: The goal cell of all of them.
-        normalised: As for `tabulate`.
-    """
-    count, cells = structures.up.shape
-    transitions = structures.moves()
-    onward = transitions + (cells * np.arange(count))[:, None, None]
-    distances = distances_from(onward.reshape(-1, 4), goal + cells * np.arange(count))
-    after = distances[onward]
-    distances = distances.reshape(count, cells)
-    rewards = np.full((count, cells), -STEP_PENALTY / cells)
-    rewards[:, goal] = GOAL_REWARD
-    if normalised:
-        rewards[:, goal] += (distances[:, start] - 1) * STEP_PENALTY / cells
-    terminal = np.zeros((count, cells), np.bool_)
-    terminal[:, goal] = True
-    optimal = after == distances[:, :, None] - 1
-    return Tables(start, transitions, rewards, terminal, distances, optimal)
+        Args:
+            structures: Their structures, all connected.
+            start: The start cell of all of them.
+            goal: The goal cell of all of them.
+            normalised: As for `of`.
+        """
+        count, cells = structures.up.shape
+        transitions = structures.moves()
+        onward = transitions + (cells * np.arange(count))[:, None, None]
+        distances = distances_from(onward.reshape(-1, 4), goal + cells * np.arange(count))
+        after = distances[onward]
+        distances = distances.reshape(count, cells)
+        rewards = np.full((count, cells), -RULES.step_penalty / cells)
+        rewards[:, goal] = RULES.goal_reward
+        if normalised:
+            rewards[:, goal] += (distances[:, start] - 1) * RULES.step_penalty / cells
+        terminal = np.zeros((count, cells), np.bool_)
+        terminal[:, goal] = True
+        optimal = after == distances[:, :, None] - 1
+        return cls(start, transitions, rewards, terminal, distances, optimal)
 
 
 def distances_from(
@@ -304,3 +292,34 @@ def distances_from(
         border = beside[claims[beside] == places]
     distances[blocked] = UNREACHABLE
     return distances
+
+
+def seen_together(
+    moves: NDArray[np.int64], agents: NDArray[np.int64], side: int
+) -> NDArray[np.bool_]:
+    """Return which of the N cells of many structures are visible, as `Structure.visible_from`.
+
+    Args:
+        moves: The cells that the four actions lead to from each cell, shape (N, 4).
+        agents: The cell of the agent in each structure.
+        side: The larger of the structures' height and width.
+
+    Returns:
+        Whether an agent sees the cell, shape (N,).
+    """
+    flat = moves.ravel()
+    seen = np.zeros(len(moves), np.bool_)
+    seen[agents] = True
+    for action in Action:
+        at = agents
+        for _ in range(side - 1):
+            at = flat.take(4 * at + action)  # A wall leads back to a cell already seen.
+            seen[at] = True
+    for across, updown in DIAGONALS:
+        at = agents
+        for _ in range(side - 1):
+            beside = flat.take(4 * at + across)
+            onward = flat.take(4 * beside + updown)
+            at = np.where((beside != at) & (onward != beside), onward, at)
+            seen[at] = True
+    return seen

@@ -12,8 +12,8 @@ from itertools import chain
 
 import numpy as np
 
-from labyrinth_core.world.dynamics import neighbours
-from labyrinth_core.world.labyrinth import (
+from labyrinth_core.world.rules import neighbours
+from labyrinth_core.world.structure import (
     Structure,
     bit_set,
     checked_sides,

@@ -13,17 +13,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import (
-    UNREACHABLE,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Structure,
-    Task,
-    checked_sides,
-    whole,
-)
+from labyrinth_core.checks import whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Look, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import UNREACHABLE, Structure, checked_sides
 
 ICE_SEARCH = 500_000
 """About how many cells the search for a place for ice visits before giving up."""
@@ -34,54 +28,6 @@ MAX_DRAWS = 10_000
 def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
     """Return the bottom left and the top right cell."""
     return 0, height * width - 1
-
-
-def check_open_walls(task: Task, open_walls: float) -> None:
-    """Refuse a task that no labyrinth can hold with this share of open walls.
-
-    Args:
-        task: The task.
-        open_walls: The probability of opening each wall that the tree leaves.
-
-    Raises:
-        LabyrinthError: No labyrinth can hold the task.
-    """
-    wish = f"open_walls={open_walls:g} task={task}"
-    if task.rules.needs_loops and open_walls == 0:
-        raise LabyrinthError(f"{wish}: {task.rules.needs_loops}; give more than 0")
-    if task.rules.needs_walls and open_walls == 1:
-        raise LabyrinthError(f"{wish}: {task.rules.needs_walls}; give less than 1")
-
-
-def place(
-    structure: Structure,
-    start: int,
-    goal: int,
-    task: Task,
-    rng: np.random.Generator,
-    *,
-    look: Look = Look.PLAIN,
-    **given: int,
-) -> Labyrinth:
-    """Return a labyrinth with the task's missing tiles placed at random.
-
-    Args:
-        structure: Its passages.
-        start: Cell of the start.
-        goal: Cell of the goal.
-        task: The task to hold.
-        rng: Chooses among the places that are possible.
-        look: How pictures show it.
-        given: Cells of single tiles by name, such as `key`; the others are chosen.
-
-    Raises:
-        LabyrinthError: The structure cannot hold the task.
-    """
-    if not task.rules.tiles:
-        return Labyrinth(structure, start, goal, task, look=look)
-    plain = Labyrinth(structure, start, goal)  # Raises if no route leads from start to goal.
-    tiles = PLACEMENTS[task].place(plain, rng, **given)
-    return Labyrinth(structure, start, goal, task, look=look, **tiles)
 
 
 def _place_key_and_door(
@@ -242,8 +188,148 @@ PLACEMENTS = {
 """Each task with tiles -> how they are placed."""
 
 
+class Placer(NamedTuple):
+    """Places start, goal and tiles in structures at random."""
+
+    rng: np.random.Generator
+
+    def place(
+        self,
+        structure: Structure,
+        start: int,
+        goal: int,
+        task: Task,
+        *,
+        look: Look = Look.PLAIN,
+        **cells: int,
+    ) -> Labyrinth:
+        """Return a labyrinth with the task's missing tiles placed at random.
+
+        Args:
+            structure: Its passages.
+            start: Cell of the start.
+            goal: Cell of the goal.
+            task: The task to hold.
+            look: How pictures show it.
+            cells: Cells of single tiles by name, such as `key`; the others are chosen.
+
+        Raises:
+            LabyrinthError: The structure cannot hold the task.
+        """
+        if not task.rules.tiles:
+            return Labyrinth(structure, start, goal, task, look=look)
+        plain = Labyrinth(structure, start, goal)  # Raises if no route leads from start to goal.
+        tiles = PLACEMENTS[task].place(plain, self.rng, **cells)
+        return Labyrinth(structure, start, goal, task, look=look, **tiles)
+
+    def any_ends(self, structure: Structure, task: Task) -> Labyrinth:
+        """Return a labyrinth with random start and goal, far enough apart, and tiles placed.
+
+        Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn
+        first, uniformly, and then the start, uniformly from the cells that are far enough from the
+        goal. If this pair cannot hold the task, another is drawn.
+
+        Raises:
+            LabyrinthError: No start and goal can hold the task.
+        """
+        goals = self.rng.permutation(structure.cells).tolist()
+        if task.rules.needs_loops and not structure.loops:
+            goals = []  # Trying all pairs would take long.
+        return self._moved(structure, task, goals)
+
+    def other_start(self, labyrinth: Labyrinth) -> Labyrinth:
+        """Return the labyrinth with another start, far enough from the goal, and new tiles.
+
+        Far enough is `(width + height) // 2` moves on a grid without walls, or the distance of the
+        farthest other start if that is less.
+
+        Raises:
+            LabyrinthError: No other start can hold the task.
+        """
+        return self._moved(labyrinth.structure, labyrinth.task, [labyrinth.goal], former=labyrinth)
+
+    def other_goal(self, labyrinth: Labyrinth) -> Labyrinth:
+        """Return the labyrinth with another goal, far enough from the start, and new tiles.
+
+        Far enough is as for `other_start`.
+
+        Raises:
+            LabyrinthError: No other goal can hold the task.
+        """
+        for goal in self._ends(labyrinth.structure, labyrinth.start, labyrinth.goal, nearer=True):
+            with suppress(LabyrinthError):
+                structure, start, task = labyrinth.structure, labyrinth.start, labyrinth.task
+                return self.place(structure, start, goal, task, look=labyrinth.look)
+        raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
+
+    def other_ends(self, labyrinth: Labyrinth) -> Labyrinth:
+        """Return the labyrinth with another start and another goal; otherwise as `other_start`."""
+        goals = self.rng.permutation(labyrinth.structure.cells).tolist()
+        goals.remove(labyrinth.goal)
+        return self._moved(labyrinth.structure, labyrinth.task, goals, former=labyrinth)
+
+    def changed(self, labyrinth: Labyrinth, task: Task, start: int, goal: int) -> Labyrinth:
+        """Return the labyrinth with a task, start and goal, and new tiles if one of them differs.
+
+        Raises:
+            ValueError: Start and goal are the same cell, or the structure cannot hold the task.
+        """
+        if (task, start, goal) == (labyrinth.task, labyrinth.start, labyrinth.goal):
+            return labyrinth
+        wish = _wish_text(task, start, goal, labyrinth.structure.width)
+        _check_apart(start, goal, wish)
+        try:
+            return self.place(labyrinth.structure, start, goal, task, look=labyrinth.look)
+        except LabyrinthError as error:
+            raise ValueError(f"{wish}: this labyrinth cannot hold it; {error}") from error
+
+    def _moved(
+        self,
+        structure: Structure,
+        task: Task,
+        goals: list[int],
+        former: Labyrinth | None = None,
+    ) -> Labyrinth:
+        """Return a labyrinth with the first of the goals, and a start, that can hold the task.
+
+        The start differs from the start of `former`. If the goal stays the same and no start is
+        far enough from it, the farthest ones are allowed.
+        """
+        former_start, former_goal, look = None, None, Look.PLAIN
+        if former is not None:
+            former_start, former_goal, look = former.start, former.goal, former.look
+        for goal in goals:
+            for start in self._ends(structure, goal, former_start, nearer=goal == former_goal):
+                with suppress(LabyrinthError):
+                    return self.place(structure, start, goal, task, look=look)
+        other = "" if former is None else "other "
+        raise LabyrinthError(f"no {other}start or goal can hold {task}")
+
+    def _ends(
+        self, structure: Structure, other: int, former: int | None, *, nearer: bool
+    ) -> list[int]:
+        """Return the cells that one end, start or goal, can move to, in random order.
+
+        Args:
+            structure: The structure.
+            other: The cell of the other end, which has to be far enough away.
+            former: The present cell of this end, which is excluded; None to exclude no cell.
+            nearer: Whether to accept the farthest cells if no cell is far enough.
+        """
+        apart = {
+            cell: structure.grid_distance(cell, other)
+            for cell in range(structure.cells)
+            if cell not in (other, former)
+        }
+        far_enough = (structure.height + structure.width) // 2
+        if nearer:
+            far_enough = min(far_enough, max(apart.values()))
+        ends = [cell for cell, moves in apart.items() if moves >= far_enough]
+        return [ends[choice] for choice in self.rng.permutation(len(ends))]
+
+
 def tiles_matter(labyrinth: Labyrinth) -> bool:
-    """Return whether the tiles matter, as in `place`: the key is a detour, the ice in the way."""
+    """Return whether the tiles matter: the key is a detour, the ice in the way."""
     task = labyrinth.task
     return not task.rules.tiles or PLACEMENTS[task].matter(labyrinth)
 
@@ -286,16 +372,17 @@ def sample_labyrinth(
     last = height * width - 1
     start = default_start if start is None else whole("start", start, 0, last)
     goal = default_goal if goal is None else whole("goal", goal, 0, last)
-    wish = f"size={height}x{width}, {wish_text(task, start, goal, width)}"
-    check_apart(start, goal, wish)
+    wish = f"size={height}x{width}, {_wish_text(task, start, goal, width)}"
+    _check_apart(start, goal, wish)
     if open_walls is not None:
-        check_open_walls(task, open_walls)
+        task.check_open_walls(open_walls)
     structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
+    placer = Placer(rng)
     for structure in islice(structures, MAX_DRAWS):
         if allows is not None and not allows(structure):
             continue
         try:
-            return place(structure, start, goal, task, rng)
+            return placer.place(structure, start, goal, task)
         except LabyrinthError:
             continue
     raise LabyrinthError(
@@ -303,114 +390,12 @@ def sample_labyrinth(
     )
 
 
-def wish_text(task: Task, start: int, goal: int, width: int) -> str:
+def _wish_text(task: Task, start: int, goal: int, width: int) -> str:
     """Return task, start and goal in words, for error messages."""
     return f"task={task}, start={divmod(start, width)}, goal={divmod(goal, width)}"
 
 
-def check_apart(start: int, goal: int, wish: str) -> None:
+def _check_apart(start: int, goal: int, wish: str) -> None:
     """Raise ValueError if start and goal are the same cell."""
     if start == goal:
         raise ValueError(f"{wish}: start and goal must be two different cells")
-
-
-def draw_start_and_goal(structure: Structure, task: Task, rng: np.random.Generator) -> Labyrinth:
-    """Return a labyrinth with random start and goal, far enough apart, and its tiles placed.
-
-    Far enough is `(width + height) // 2` moves on a grid without walls. The goal is drawn first,
-    uniformly, and then the start, uniformly from the cells that are far enough from the goal. If
-    this pair cannot hold the task, another is drawn.
-
-    Raises:
-        LabyrinthError: No start and goal can hold the task.
-    """
-    goals = rng.permutation(structure.cells).tolist()
-    if task.rules.needs_loops and not structure.loops:
-        goals = []  # Trying all pairs would take long.
-    return _moved(structure, task, goals, rng)
-
-
-def change_start(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another start, far enough from the goal, and its tiles placed anew.
-
-    Far enough is `(width + height) // 2` moves on a grid without walls, or the distance of the
-    farthest other start if that is less.
-
-    Raises:
-        LabyrinthError: No other start can hold the task.
-    """
-    return _moved(labyrinth.structure, labyrinth.task, [labyrinth.goal], rng, former=labyrinth)
-
-
-def change_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another goal, far enough from the start, and its tiles placed anew.
-
-    Far enough is as for `change_start`.
-
-    Raises:
-        LabyrinthError: No other goal can hold the task.
-    """
-    for goal in _ends(labyrinth.structure, labyrinth.start, labyrinth.goal, rng, nearer=True):
-        with suppress(LabyrinthError):
-            structure, start, task = labyrinth.structure, labyrinth.start, labyrinth.task
-            return place(structure, start, goal, task, rng, look=labyrinth.look)
-    raise LabyrinthError(f"no other goal can hold {labyrinth.task}")
-
-
-def change_start_and_goal(labyrinth: Labyrinth, rng: np.random.Generator) -> Labyrinth:
-    """Return the labyrinth with another start and another goal; otherwise as `change_start`."""
-    goals = rng.permutation(labyrinth.structure.cells).tolist()
-    goals.remove(labyrinth.goal)
-    return _moved(labyrinth.structure, labyrinth.task, goals, rng, former=labyrinth)
-
-
-def _moved(
-    structure: Structure,
-    task: Task,
-    goals: list[int],
-    rng: np.random.Generator,
-    former: Labyrinth | None = None,
-) -> Labyrinth:
-    """Return a labyrinth with the first of the goals, and a start, that can hold the task.
-
-    The start differs from the start of `former`. If the goal stays the same and no start is far
-    enough from it, the farthest ones are allowed.
-    """
-    ends = (None, None, Look.PLAIN) if former is None else (former.start, former.goal, former.look)
-    former_start, former_goal, look = ends
-    for goal in goals:
-        for start in _ends(structure, goal, former_start, rng, nearer=goal == former_goal):
-            with suppress(LabyrinthError):
-                return place(structure, start, goal, task, rng, look=look)
-    other = "" if former is None else "other "
-    raise LabyrinthError(f"no {other}start or goal can hold {task}")
-
-
-def _ends(
-    structure: Structure, other: int, former: int | None, rng: np.random.Generator, *, nearer: bool
-) -> list[int]:
-    """Return the cells that one end, start or goal, can move to, in random order.
-
-    Args:
-        structure: The structure.
-        other: The cell of the other end, which has to be far enough away.
-        former: The present cell of this end, which is excluded; None to exclude no cell.
-        rng: Draws the order.
-        nearer: Whether to accept the farthest cells if no cell is far enough.
-    """
-    apart = {
-        cell: manhattan(cell, other, structure.width)
-        for cell in range(structure.cells)
-        if cell not in (other, former)
-    }
-    far_enough = (structure.height + structure.width) // 2
-    if nearer:
-        far_enough = min(far_enough, max(apart.values()))
-    ends = [cell for cell, moves in apart.items() if moves >= far_enough]
-    return [ends[choice] for choice in rng.permutation(len(ends))]
-
-
-def manhattan(a: int, b: int, width: int) -> int:
-    """Return the number of moves between two cells of a grid without walls."""
-    (row_a, column_a), (row_b, column_b) = divmod(a, width), divmod(b, width)
-    return abs(row_a - row_b) + abs(column_a - column_b)

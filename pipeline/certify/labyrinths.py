@@ -18,12 +18,13 @@ from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.structure import Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import console, say
+from pipeline.machinery.console import say
 
 
 def certify_labyrinths(
@@ -55,7 +56,7 @@ def certify_labyrinths(
     }
     leave(folder, {name: as_text(content).encode()}, overwrite=overwrite)
     path = folder / name
-    console.print(table_of(leakage, with_routes=not found.structures_alone))
+    say(table_of(leakage, with_routes=not found.structures_alone))
     yield from leaks(leakage, found.files)
     if found.structures_alone:
         yield "Some labyrinths have no start and goal, so only structures are compared."

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from pipeline.config.errors import check
-from pipeline.config.option import check_options, option
+from pipeline.config.option import option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 
@@ -51,7 +51,6 @@ class CertifyStageOptions(WorkOptions):
 
 def _check(job: Job[CertifyStageOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
     options = job.options.certify
-    check_options(options, CertifyOptions, "certify.")
     check(
         bool(options.source),
         "certify.source=: give what to certify, such as gymnasium:MiniGrid-DoorKey-8x8-v0",

@@ -21,9 +21,10 @@ from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
+from pipeline.command.method import CONF, usual_settings
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
-from pipeline.config.method import CONF, METHODS, usual_settings
-from pipeline.config.stages import STAGES
+from pipeline.config.training import METHODS
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
 """The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""

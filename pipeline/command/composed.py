@@ -5,28 +5,23 @@ Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from copy import copy
-from dataclasses import MISSING, Field, dataclass, fields, make_dataclass
+from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, make_dataclass
 from pathlib import Path
-from typing import Any, TypeVar, get_type_hints
+from typing import Any, TypeVar, cast, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data.manifest import MANIFEST
 from labyrinth_core.data.storage import folder_at
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.command.dataset import DatasetOptions, dataset_config
+from pipeline.command.method import chosen_method
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, check, literal
-from pipeline.config.method import chosen_method
-from pipeline.config.option import check_options, declared, frozen, option
-from pipeline.config.options import (
-    ExecutorOptions,
-    OverwriteOption,
-    ResultsFolderOption,
-    RunFolderOption,
-)
+from pipeline.config.option import check_options, frozen, option
+from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.config.training import TrainingOptions
 
 Options = TypeVar("Options")
@@ -44,7 +39,7 @@ class DataFolderOption:
 
 
 @dataclass(frozen=True)
-class CommandOptions(ExecutorOptions, OverwriteOption, DataFolderOption):
+class CommandOptions(WorkOptions, DataFolderOption):
     """What all stages share: where datasets are, and how work is done."""
 
     stages: tuple[str, ...] = option(
@@ -69,6 +64,22 @@ def _headings() -> dict[str, type]:
     for stage in STAGES.values():
         own |= stage.headings
     return own
+
+
+def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
+    """Yield the name, the field and the type of each option that a class and its groups declare.
+
+    Args:
+        cls: The class.
+        group: The prefix of the names, such as `publish.`.
+    """
+    kinds = get_type_hints(cls)
+    for each in fields(cls):
+        name, kind = group + each.name, kinds[each.name]
+        if is_dataclass(kind):
+            yield from declared(cast(type, kind), f"{name}.")
+        else:
+            yield name, each, kind
 
 
 def default_of(each: Field[Any]) -> str:
@@ -130,24 +141,29 @@ def part_of(options: Any, cls: type[Options]) -> Options:
     return cls(**{each.name: getattr(options, each.name) for each in fields(cls)})  # type: ignore[arg-type]
 
 
-def unused(names: Iterable[str], stages: Iterable[str]) -> dict[str, tuple[str, ...]]:
-    """Return the options that none of the stages uses, each with the stages that do.
+def unused(names: Iterable[str], options: Any) -> dict[str, tuple[str, ...]]:
+    """Return the options that no requested stage uses, each with the stages that do.
 
     Args:
         names: The names of the options that a command line gives.
-        stages: The stages that it requests.
+        options: An instance of `ALL`.
     """
-    users: dict[str, tuple[str, ...]] = {}
+    known = [stage for stage in options.stages if stage in STAGES]
+    idle = {stage: STAGES[stage].idle(options) for stage in known}
+    lost = {}
     for name in names:
         first = name.partition(".")[0]
-        users[name] = tuple(
+        users = [
             stage
             for stage, declaration in STAGES.items()
             if first not in SHARED
             and any(each.name == first for each in fields(declaration.options))
-        )
-    requested = {*stages}
-    return {name: those for name, those in users.items() if those and not requested & {*those}}
+        ]
+        if users and all(first in idle.get(stage, {first: ""}) for stage in users):
+            lost[name] = tuple(
+                f"{stage} {idle[stage][first]}" if stage in idle else stage for stage in users
+            )
+    return lost
 
 
 def names_in(overrides: Iterable[str]) -> list[str]:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.command.composed import KINDS, SHARED
-from pipeline.config.errors import as_value
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
+from pipeline.config.errors import as_typed
 
 
 def next_command(
@@ -40,10 +40,11 @@ def next_command(
         if name.partition(".")[0] in used or name.partition(".")[0] not in _GROUPS
     ]
     if not any(each.startswith("size=") for each in kept):
-        kept = [f"size={options.size}", *kept]
+        kept = [as_typed("size", options.size), *kept]
     script = Path(sys.argv[0]).name == "run.py"
     program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
-    return f"Next, to {purpose}: {program} {shlex.join([*flags, *kept, *more])}"
+    words = [program, *map(shlex.quote, flags), *kept, *map(shlex.quote, more)]
+    return f"Next, to {purpose}: {' '.join(words)}"
 
 
 _GROUPS = {name.partition(".")[0] for name in KINDS}
@@ -51,10 +52,10 @@ _GROUPS = {name.partition(".")[0] for name in KINDS}
 
 
 def _resolved(given: str, name: str, options: Any) -> str:
-    """Return an override with the value that its option has, in which no reference is left."""
+    """Return an override as typed, with its option's value, in which no reference is left."""
     group, _, key = name.rpartition(".")
     if group == "method" and key in options.method:
-        return f"{name}={as_value(options.method[key])}"
+        return as_typed(name, options.method[key])
     if name == "method" or name not in KINDS:
-        return given
-    return f"{name}={as_value(getattr(getattr(options, group) if group else options, key))}"
+        return shlex.quote(given)
+    return as_typed(name, getattr(getattr(options, group) if group else options, key))

@@ -41,10 +41,10 @@ from pipeline.command.ending import (
     show_start,
 )
 from pipeline.command.hints import next_command
+from pipeline.command.method import CONF
+from pipeline.command.stages import STAGES
 from pipeline.command.texts import as_given, overrides_of
 from pipeline.config.errors import ConfigError
-from pipeline.config.method import CONF
-from pipeline.config.stages import STAGES
 from pipeline.machinery.console import say, say_once
 from pipeline.machinery.executor import cluster
 from pipeline.machinery.workers import GOES_ON
@@ -152,7 +152,7 @@ def _outcome(config: DictConfig) -> float | None:
         options = options_of(config, given)
     except OmegaConfBaseException as error:
         raise ConfigError(refusal(error)) from error
-    if lost := unused(typed, options.stages):
+    if lost := unused(typed, options):
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
         say_once(f"No requested stage uses {'; '.join(users)}.")
     named = not {"size", "task"}.isdisjoint(typed)

@@ -49,7 +49,7 @@ def literal(value: str) -> str:
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
 
 
-def quoted(value: str) -> str:
+def _quoted(value: str) -> str:
     """Return a text as Hydra's grammar reads it, in quotation marks if it needs them."""
     if re.fullmatch(r"(?!null$)[\w./:@%+-]+", value, re.ASCII):
         return value
@@ -59,15 +59,15 @@ def quoted(value: str) -> str:
     return f'"{value}{value[len(value.rstrip(chr(92))) :]}"'
 
 
-def as_value(value: object) -> str:
+def _as_value(value: object) -> str:
     """Return the value of an option as Hydra's grammar reads it."""
     if value is None or isinstance(value, bool):
         return "null" if value is None else str(value).lower()
     if isinstance(value, list | tuple):
-        return f"[{','.join(map(as_value, value))}]"
-    return quoted(value) if isinstance(value, str) else str(value)
+        return f"[{','.join(map(_as_value, value))}]"
+    return _quoted(value) if isinstance(value, str) else str(value)
 
 
-def as_typed(name: str, value: str) -> str:
+def as_typed(name: str, value: object) -> str:
     """Return `name=value` as typed in a shell, with quotation marks for Hydra if needed."""
-    return shlex.quote(f"{name}={quoted(value)}")
+    return shlex.quote(f"{name}={_as_value(value)}")

@@ -7,8 +7,8 @@ docs/options.md and the checks.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import Field, field, fields, is_dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import field, fields, is_dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_origin, get_type_hints
@@ -17,7 +17,12 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
 
-LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
+_LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
+DATASET_AND_CONFIG = (
+    r"(.*[^/]/\d+x\d+(-\w+)?/?)?",
+    "a dataset and its config, such as data/other/4x6",
+)
+"""Patterns of values, and what they allow in words."""
 
 
 def option(
@@ -28,6 +33,7 @@ def option(
     at_most: float = inf,
     one_of: Iterable[object] = (),
     like: tuple[str, str] | None = None,
+    is_local_folder: bool = False,
 ) -> Any:
     """Return the field that declares an option.
 
@@ -39,27 +45,13 @@ def option(
         one_of: The allowed values; of a number, those besides numbers. A tuple option takes several
             of them; it may be empty only if its default is.
         like: A regular expression for the whole text, and a phrase that says what to give.
+        is_local_folder: Whether the value is a folder on this machine, and not a URL.
     """
+    like = _LOCAL_FOLDER if is_local_folder else like
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
-
-
-def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
-    """Yield the name, the field and the type of each option that a class and its groups declare.
-
-    Args:
-        cls: The class.
-        group: The prefix of the names, such as `publish.`.
-    """
-    kinds = get_type_hints(cls)
-    for each in fields(cls):
-        name, kind = group + each.name, kinds[each.name]
-        if is_dataclass(kind):
-            yield from declared(cast(type, kind), f"{name}.")
-        else:
-            yield name, each, kind
 
 
 def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Options:
@@ -71,7 +63,8 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     kinds = get_type_hints(cls)
     made = {}
     for name, value in values.items():
-        check(name in kinds, no_option(group + name, (group + each for each in kinds)))
+        if name not in kinds:
+            raise ConfigError(no_option(group + name, (group + each for each in kinds)))
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
@@ -107,7 +100,9 @@ def _check_home(name: str, value: Any) -> None:
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:
-    """Check the values of the options that a class declares.
+    """Check the values of the options that a class declares, and those of its groups.
+
+    A group whose field has `is_checked=False` in its metadata is left to the stage.
 
     Args:
         options: An instance of the class, or of one that inherits from it.
@@ -119,6 +114,11 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
     """
     kinds = get_type_hints(cls)
     for each in fields(cls):
+        if is_dataclass(kinds[each.name]):
+            if each.metadata.get("is_checked", True):
+                group_type: Any = kinds[each.name]
+                check_options(getattr(options, each.name), group_type, f"{each.name}.")
+            continue
         if "checks" not in each.metadata:
             continue
         low, high, one_of, like = each.metadata["checks"]

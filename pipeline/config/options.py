@@ -3,41 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar
 
-from pipeline.config.option import LOCAL_FOLDER, option
-from pipeline.config.stage import Job
-
-
-@dataclass(frozen=True)
-class NoOptions:
-    """The options of a stage that has none."""
+from pipeline.config.option import option
 
 
 @dataclass(frozen=True)
-class WorkersOption:
-    """How many processes work."""
-
-    workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
-
-
-@dataclass(frozen=True)
-class OverwriteOption:
-    """Whether what was made with other options is replaced."""
+class WorkOptions:
+    """How and where a stage works, and whether it replaces what was made with other options."""
 
     overwrite: bool = option(
         False, "replace a finished dataset, run or export that was made with other options"
     )
-
-
-@dataclass(frozen=True)
-class WorkOptions(WorkersOption, OverwriteOption):
-    """How a stage works that reads datasets and leaves files."""
-
-
-@dataclass(frozen=True)
-class ExecutorOptions(WorkersOption):
-    """Where processes run."""
-
+    workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
     executor: str = option(
         "local", "where processes run: local (this machine) or dask", one_of=("local", "dask")
     )
@@ -65,7 +43,9 @@ class RunFolderOption:
     """Where trained policies are."""
 
     run_dir: str = option(
-        "runs", "folder of trained policies; each size and task has a subfolder", like=LOCAL_FOLDER
+        "runs",
+        "folder of trained policies; each size and task has a subfolder",
+        is_local_folder=True,
     )
 
 
@@ -76,10 +56,7 @@ class ResultsFolderOption:
     results_dir: str = option(
         "results",
         "folder of the evaluations, and of the tables made from them",
-        like=LOCAL_FOLDER,
+        is_local_folder=True,
     )
-
-
-def source_of(job: Job[SourceOptions]) -> str:
-    """Return the dataset that a stage reads, as results name it: a folder, or an id on the Hub."""
-    return job.typed_dir if job.options.dataset is None else job.options.dataset
+    SUBMISSIONS: ClassVar = "submissions"
+    """The subfolder for the results of submitted policies."""

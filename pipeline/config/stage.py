@@ -1,7 +1,7 @@
 """What a stage is, and what it is given.
 
 A wing of the program is a folder with `options.py`, which declares its stages, and their modules.
-`pipeline.config.stages` names the wings; no other module does.
+`pipeline.command.stages` names the wings; no other module does.
 """
 
 from __future__ import annotations
@@ -9,13 +9,16 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import AnyPath, RemotePath
-from pipeline.config.errors import ConfigError, as_typed
+from labyrinth_core.data.storage import AnyPath, File, RemotePath
+from pipeline.config.errors import ConfigError, as_typed, check
+
+if TYPE_CHECKING:
+    from labyrinth_core.data.datasets import Dataset
 
 Options = TypeVar("Options", covariant=True)
 
@@ -34,11 +37,19 @@ class Job(Generic[Options]):
     """Whether the command line gives `size` or `task`, so that the dataset has to exist."""
     composed: str = ""
     """All options of the command line, as the content of `CONFIG`; empty without a command line."""
+    CONFIG: ClassVar[str] = "config.yaml"
+    """The file beside what a stage made, with the options that it was made with."""
 
     @property
     def folder(self) -> AnyPath:
         """The folder of the dataset."""
         return self.data_dir / self.dataset.name
+
+    @property
+    def source(self) -> str:
+        """The dataset that the stage reads, as results name it: a folder, or an id on the Hub."""
+        given = getattr(self.options, "dataset", None)
+        return self.typed_dir if given is None else str(given)
 
     @property
     def local_dir(self) -> Path:
@@ -54,9 +65,38 @@ class Job(Generic[Options]):
             command = f"labyrinth-datasets {size} {as_typed('data_dir', str(self.data_dir))}"
             raise DatasetError(f"{self.folder} holds no dataset: {command} makes it")
 
+    def open_dataset(self, train_labyrinths: int | None = None) -> Dataset:
+        """Return the dataset that the stage reads, of `SourceOptions`.
 
-CONFIG = "config.yaml"
-"""The file beside what a stage made, with the options that it was made with."""
+        Args:
+            train_labyrinths: The number of labyrinths to learn from, which train must have.
+
+        Raises:
+            ConfigError: A folder is given with a revision, or train has too few labyrinths.
+            DatasetError: The dataset does not exist.
+        """
+        from labyrinth_core.data.datasets import Dataset
+
+        options: Any = self.options
+        if options.dataset is None:
+            self.require_dataset()
+        try:
+            data = Dataset(self.source, self.dataset.name, options.revision)
+        except ValueError as error:
+            raise ConfigError(str(error)) from error
+        if train_labyrinths is not None:
+            most = sum(shard.labyrinths for shard in data.manifest.of("train"))
+            check(
+                train_labyrinths <= most,
+                f"train_labyrinths={train_labyrinths}: give {most} or fewer, as many as train of "
+                f"{self.source} has",
+            )
+        return data
+
+    def write_config(self, folder: Path) -> None:
+        """Write the options of the command line, if there is one, beside what they made."""
+        if self.composed:
+            File(folder / self.CONFIG).write_text(self.composed)
 
 
 def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:
@@ -82,5 +122,8 @@ class Stage:
     next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = _no_step
     """Returns what to suggest if the stage ran last, given all stages: the options of the next
     command and its purpose; or a line as it is; or nothing."""
+    idle: Callable[[Any], Mapping[str, str]] = lambda _options: {}
+    """Returns the options that the stage does not use beside the given ones, each with what it is
+    used with, such as `with publish.model`."""
     runs_alone: Callable[[Any], bool] = lambda _options: False
     """Returns whether no later stage can run after one with these options."""

@@ -8,49 +8,28 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from importlib.util import find_spec
-from math import inf
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.evaluation.description import FRESH, RunName
 from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import check_options, option
 from pipeline.config.options import RunFolderOption, SourceOptions
-from pipeline.config.stage import Job
 
-SUBMISSIONS = "submissions"
-"""The folder in `results_dir` for the results of submitted policies."""
+METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
+"""The modules of the methods in the package `_OURS`, and their files in `conf/method`."""
 
+_OURS = "pipeline.training.methods"
 
-@dataclass(frozen=True)
-class Protocol:
-    """How pictures are shrunk, and when training ends."""
-
-    resize: str
-    """One of `data.observations.RESIZES`: `area` keeps every wall, `original` does not."""
-    evaluate_every: int | None = None
-    """The number of epochs between evaluations; None for the method's own."""
-    patience: float = inf
-    """The number of evaluations without a better validation success rate that end training."""
+NEEDS = ("matplotlib", "safetensors", "torch")
+"""The libraries of the extra `train`."""
 
 
-PROTOCOLS = {
-    "default": Protocol(resize=RESIZE_OF_PROTOCOL["default"]),
-    "paper": Protocol(resize=RESIZE_OF_PROTOCOL["paper"], evaluate_every=10, patience=5),
-    "authors": Protocol(resize=RESIZE_OF_PROTOCOL["authors"]),
-}
-"""`default` and `paper` keep the policy with the best success rate on validation.
-
-`default` trains for the method's whole budget, and shrinks pictures without losing walls. `paper`
-resizes the authors' thin walls as they do, without antialiasing, so that most walls vanish. It
-stops training like the authors' public script for BC: after five evaluations on the validation
-labyrinths, ten epochs apart, without a better success rate, or after the method's epochs (a
-thousand in that script). Here the other methods follow the same rule. `authors` is for the six
-methods of the authors' later code, which have their own settings and selection, and are in
-scripts/studies/methods/authors.
-"""
+def target_of(name: str) -> str:
+    """Return the dotted name of the class of a method, by the method's name in records."""
+    return f"{_OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
 
 
 @dataclass(frozen=True)
@@ -76,7 +55,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "default",
         "default, paper (resizes and stops as in the paper), or authors (for the methods of the "
         "authors' code)",
-        one_of=PROTOCOLS,
+        one_of=RESIZE_OF_PROTOCOL,
     )
     train_labyrinths: int | str | None = option(
         None,
@@ -113,100 +92,101 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     def network(self) -> str:
         """The encoder of the policy, or the name of a method that has a network of its own."""
         if ":" in self.method_name:
-            given = f"method._target_={target_of(self.method_name)}"
-            own = bool(getattr(named(given, self.method_name), "own_network", False))
+            own = bool(getattr(self.users_method(), "own_network", False))
         else:
             own = self.method_name in OWN
         return self.method_title if own else self.encoder
 
+    @property
+    def resize(self) -> str:
+        """How the protocol shrinks pictures: one of `pictures.observations.RESIZES`."""
+        return RESIZE_OF_PROTOCOL[self.protocol]
 
-NEEDS = ("matplotlib", "safetensors", "torch")
-"""The libraries of the extra `train`."""
+    def users_method(self) -> Any:
+        """Import and return the user's object `module:Class`, from the working directory or else.
 
+        Raises:
+            ConfigError: The module, or the name in it, does not exist.
+        """
+        from labyrinth_core.policies.opening import PolicyNameError, imported
 
-def check_observation(name: str) -> None:
-    """Raise a ConfigError if the library has no such observation."""
-    from labyrinth_core.pictures.observations import KINDS
+        try:
+            return imported(self.method_name)
+        except PolicyNameError as error:
+            raise ConfigError(f"method._target_={target_of(self.method_name)}: {error}") from error
 
-    known = ("image", *KINDS)
-    check(name in known, f"observation={name}: choose one of {listed(known)}")
+    def run_name(self, dataset: DatasetConfig) -> RunName:
+        """Return the name that distinguishes a training run from others on the same dataset."""
+        return RunName(
+            method=self.method_title,
+            encoder=self.network,
+            protocol=self.protocol,
+            train_labyrinths=self.train_labyrinths,
+            seed=dataset.seed,
+        )
 
+    def run_folder(self, dataset: DatasetConfig) -> Path:
+        """Return the folder of a trained policy."""
+        return Path(self.run_dir).expanduser() / dataset.name / self.run_name(dataset).name
 
-def check_training(options: TrainingOptions) -> None:
-    """Raise a ConfigError if an option for training is invalid, or a library is missing."""
-    missing = [name for name in NEEDS if find_spec(name) is None]
-    install = "pip install 'labyrinth-datasets[train]'"
-    check(not missing, f"training needs {', '.join(missing)}: {install}")
-    name, seen = options.method_name, options.observation
-    check_method(options)
-    check_options(options, TrainingOptions)
-    check_observation(seen)
-    check(
-        seen in ("image", "vector"),
-        f"observation={seen} is only for policy=...: give image or vector",
-    )
-    fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
-    check(
-        options.encoder in fitting,
-        f"encoder={options.encoder} looks at observation={ENCODERS[options.encoder]}: for "
-        f"observation={seen} choose one of {listed(fitting)}",
-    )
-    check(
-        options.network == options.encoder or seen == "image",
-        f"method={name} learns from pictures: leave observation=image",
-    )
+    @staticmethod
+    def name_of(target: str) -> str:
+        """Return the name in records of the method whose class has this dotted name."""
+        module, _, name = target.rpartition(".")
+        ours = module.removeprefix(f"{_OURS}.")
+        if name == "Method" and ours in METHODS and module != ours:
+            return ours
+        above, _, last = module.rpartition(".")
+        while above and last[:1].isupper():  # The class is within another class.
+            module, name = above, f"{last}.{name}"
+            above, _, last = module.rpartition(".")
+        return f"{module}:{name}"
 
+    def check_observation(self) -> None:
+        """Raise a ConfigError if the library has no such observation."""
+        from labyrinth_core.pictures.observations import KINDS
 
-def check_method(options: TrainingOptions) -> None:
-    """Raise a ConfigError unless `method` is in `METHODS` or has the form `module:Class`."""
-    name = options.method_name
-    check(
-        name in METHODS or re.fullmatch(r"\w[\w.]*:\w[\w.]*", name) is not None,
-        f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own",
-    )
+        known = ("image", *KINDS)
+        seen = self.observation
+        check(seen in known, f"observation={seen}: choose one of {listed(known)}")
 
+    def check_training(self) -> None:
+        """Raise a ConfigError if an option for training is invalid, or a library is missing."""
+        missing = [name for name in NEEDS if find_spec(name) is None]
+        install = "pip install 'labyrinth-datasets[train]'"
+        check(not missing, f"training needs {', '.join(missing)}: {install}")
+        name, seen = self.method_name, self.observation
+        check(
+            name in METHODS or re.fullmatch(r"\w[\w.]*:\w[\w.]*", name) is not None,
+            f"method={name}: choose one of {listed(METHODS)}, or give module:Class of your own",
+        )
+        check_options(self, TrainingOptions)
+        self.check_observation()
+        check(
+            seen in ("image", "vector"),
+            f"observation={seen} is only for policy=...: give image or vector",
+        )
+        fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
+        check(
+            self.encoder in fitting,
+            f"encoder={self.encoder} looks at observation={ENCODERS[self.encoder]}: for "
+            f"observation={seen} choose one of {listed(fitting)}",
+        )
+        check(
+            self.network == self.encoder or seen == "image",
+            f"method={name} learns from pictures: leave observation=image",
+        )
 
-def named(given: str, name: str) -> Any:
-    """Import and return the object `module:name`, from the working directory or as installed.
-
-    Args:
-        given: The option that names the object, as typed, for the error message.
-        name: The module and, after a colon, the name in it, which may have dots.
-
-    Raises:
-        ConfigError: The module, or the name in it, does not exist.
-    """
-    from labyrinth_core.policies.opening import PolicyNameError, imported
-
-    try:
-        return imported(name)
-    except PolicyNameError as error:
-        raise ConfigError(f"{given}: {error}") from error
-
-
-def check_run(run: RunName, observation: str) -> None:
-    """Raise a ConfigError if no method makes a run of this name with this observation."""
-    check(run.protocol in PROTOCOLS, f"protocol={run.protocol}: choose from {', '.join(PROTOCOLS)}")
-    ours = run.method in METHODS
-    own = {run.method: "image"} if run.method in OWN or not ours else {}
-    encoders = own if run.method in OWN else ENCODERS | own
-    check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
-    seen = encoders[run.encoder]
-    check(observation == seen, f"observation={observation}: encoder={run.encoder} looks at {seen}")
-
-
-def run_name(job: Job[TrainingOptions]) -> RunName:
-    """Return the name that distinguishes a training run from others on the same dataset."""
-    options = job.options
-    return RunName(
-        method=options.method_title,
-        encoder=options.network,
-        protocol=options.protocol,
-        train_labyrinths=options.train_labyrinths,
-        seed=job.dataset.seed,
-    )
-
-
-def training_folder(job: Job[TrainingOptions]) -> Path:
-    """Return the folder of a trained policy."""
-    return Path(job.options.run_dir).expanduser() / job.dataset.name / run_name(job).name
+    @staticmethod
+    def check_run(run: RunName, observation: str) -> None:
+        """Raise a ConfigError if no method makes a run of this name with this observation."""
+        known = ", ".join(RESIZE_OF_PROTOCOL)
+        check(run.protocol in RESIZE_OF_PROTOCOL, f"protocol={run.protocol}: choose from {known}")
+        ours = run.method in METHODS
+        own = {run.method: "image"} if run.method in OWN or not ours else {}
+        encoders = own if run.method in OWN else ENCODERS | own
+        check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
+        seen = encoders[run.encoder]
+        check(
+            observation == seen, f"observation={observation}: encoder={run.encoder} looks at {seen}"
+        )

@@ -15,14 +15,13 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import receipt_of
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.solver import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
 from pipeline.evaluation.named import Named, find_policy
@@ -82,14 +81,8 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
-        receipt = receipt_of(
-            shown.player,
-            shown.load(split),
-            shown.data,
-            split=split,
-            controls=asked.memorised or 0,
-            train_labyrinths=learnt,
-            episodes=asked.episodes,
+        receipt = shown.receipt(
+            split, asked.memorised or 0, train_labyrinths=learnt, episodes=asked.episodes
         )
     except (DatasetError, PolicyError):
         raise
@@ -105,18 +98,12 @@ def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results
     splits: Sequence[str] | None = asked.splits or None
     if shown.run is not None:
         splits = (*EVALUATED_SPLITS, *shown.data.manifest.config.shifts)
-    results = shown.results(
+    return shown.results(
         splits,
         asked.episodes,
         trained_on=named.trained_on,
         follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
     )
-    if named.as_tried is None or results.run is None:
-        return results
-    tried = {split: named.as_tried(split) for split in results.splits}
-    rates = ", ".join(f"{split} {figures['sr']:.0%}" for split, figures in tried.items())
-    say(f"Evaluated as in the code of protocol={results.run.protocol}: {rates}")
-    return replace(results, run=replace(results.run, as_tried=tried))
 
 
 def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dict[str, bytes]:
@@ -131,7 +118,7 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     pictures = {}
     for episode in attempts(shown.player, shown.load(split), chosen):
         labyrinth = episode.labyrinth
-        optimal = replay(labyrinth, shortest_route(labyrinth, np.random.default_rng(seed)))
+        optimal = replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures

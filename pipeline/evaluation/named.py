@@ -6,27 +6,25 @@ A policy that no run trained needs no torch, so this module does not import it.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import open_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import RESULTS
-from labyrinth_core.policies.opening import PolicyNameError
+from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.policies.record import Record
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.config.training import training_folder
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Key, Sums
-from pipeline.machinery.dataset import dataset_of
+from pipeline.machinery.artifact import Sums
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -40,12 +38,10 @@ class Named:
     """The policy, with the dataset that it is evaluated on."""
     path: Path
     """The file for the results."""
-    key: Key
+    key: Mapping[str, Any]
     """Identifies the run or the policy that the folder of the results belongs to."""
     trained_on: Callable[[], Dataset] | None = None
     """Returns the dataset that the run learnt from; None for policies that no run trained."""
-    as_tried: Callable[[str], dict[str, float]] | None = None
-    """Returns the figures of a split by the rules of the run's protocol, if it has its own."""
 
     @property
     def instead(self) -> str:
@@ -73,7 +69,7 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
 
 def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
-    data = dataset_of(job)  # Its error says how to make a dataset that is missing.
+    data = job.open_dataset()  # Its error says how to make a dataset that is missing.
     policy = opened(options.policy)
     if getattr(policy, "run", None) is not None and not described_by(options.evaluation):
         own = partial(Dataset, policy.run.dataset, policy.run.config, policy.run.revision)
@@ -109,33 +105,39 @@ def _of_options(job: Job[EvaluateOptions]) -> Named:
     """Return the policy of the run that the options describe, on its dataset or `evaluate_on`."""
     from pipeline.evaluation.trained import require_run  # It imports torch.
 
-    folder, options, trained_on = training_folder(job), job.options, partial(dataset_of, job)
-    fingerprint = require_run(job, folder)
+    options, trained_on = job.options, job.open_dataset
+    folder = options.run_folder(job.dataset)
+    record = require_run(job, folder)
+    fingerprint = record["run"]["fingerprint"]
     if options.evaluate_on:
         source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
-        return _of_run(job, folder, Dataset(source, name), trained_on)
-    data = dataset_of(job, options.first_labyrinths)
+        return _of_run(job, folder, Dataset(source, name), trained_on, record)
+    data = job.open_dataset(options.first_labyrinths)
     if data.fingerprint != fingerprint:
         raise DatasetError(
             f"{folder} was trained on another dataset than {data.source}: their fingerprints are "
             f"{fingerprint:.8} and {data.fingerprint:.8}; policy={folder} evaluates it on that "
             "dataset anyway"
         )
-    return _of_run(job, folder, data, trained_on)
+    return _of_run(job, folder, data, trained_on, record)
 
 
 def _of_run(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, trained_on: Callable[[], Dataset]
+    job: Job[EvaluateOptions],
+    folder: Path,
+    data: Dataset,
+    trained_on: Callable[[], Dataset],
+    record: Record | None = None,
 ) -> Named:
     """Return the policy of a run, with the place of its results in the folder of the run."""
     from pipeline.evaluation.trained import show
 
-    shown, key, as_tried = show(job, folder, data)
+    shown, key = show(job, folder, data, record)
     run, path = shown.run, folder / RESULTS
     assert run is not None  # The results are those of the run.
     if run.fingerprint != data.fingerprint:
         path = path.with_stem(f"{path.stem}-{data.config}-{data.fingerprint:.8}")
-    return Named(Description(run.name), shown, path, key, trained_on, as_tried)
+    return Named(Description(run.name), shown, path, key, trained_on)
 
 
 def opened(name: str) -> Any:

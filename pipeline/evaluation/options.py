@@ -4,15 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import check_options, option
-from pipeline.config.options import OverwriteOption
+from pipeline.config.option import DATASET_AND_CONFIG, option
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_observation, check_training
+from pipeline.config.training import TrainingOptions
 
 COMPARE = "stages=results", "compare it with others"
 """What to do after an evaluation, and why."""
@@ -70,7 +71,7 @@ class EvaluationOptions:
 
 
 @dataclass(frozen=True)
-class EvaluateOptions(TrainingOptions, OverwriteOption):
+class EvaluateOptions(TrainingOptions, WorkOptions):
     """The policy that is evaluated: that of a training run, or any other."""
 
     policy: str = option(
@@ -87,7 +88,7 @@ class EvaluateOptions(TrainingOptions, OverwriteOption):
         "",
         "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
         "user/name/4x6 on the Hub",
-        like=(r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6"),
+        like=DATASET_AND_CONFIG,
     )
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 
@@ -111,7 +112,7 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         "evaluation.splits, since other splits depend on train",
     )
     if not options.policy:
-        check_training(options)
+        options.check_training()
         check_unnamed(options.evaluation)
         return
     check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
@@ -119,13 +120,11 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         not options.evaluate_on,
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
-    check_observation(options.observation)
-    check_options(options.evaluation, EvaluationOptions, "evaluation.")
+    options.check_observation()
 
 
 def check_unnamed(evaluation: EvaluationOptions) -> None:
     """Raise a ConfigError if an option that only `policy` has is given without it."""
-    check_options(evaluation, EvaluationOptions, "evaluation.")
     for name in described_by(evaluation):
         check(
             False,
@@ -144,6 +143,12 @@ def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, .
     return () if job.options.evaluate_on else COMPARE
 
 
+def _idle(options: Any) -> dict[str, str]:
+    """Return the options that name a training run, if another policy is evaluated."""
+    of_run = ("method", "encoder", "protocol", "train_labyrinths") if options.policy else ()
+    return dict.fromkeys(of_run, "without policy")
+
+
 STAGES = {
     "evaluate": Stage(
         "pipeline.evaluation.evaluate",
@@ -151,5 +156,6 @@ STAGES = {
         _check,
         headings={"Evaluation, by stages=evaluate": EvaluateOptions},
         next_step=_next_step,
+        idle=_idle,
     )
 }

@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
         "homepage": "",
         "license": split.licence,
     }
-    write_text(folder / "dataset_info.json", json.dumps(info, indent=2))
+    File(folder / "dataset_info.json").write_text(json.dumps(info, indent=2))
     state: dict[str, Any] = {
         "_data_files": [{"filename": name} for name in names],
         "_fingerprint": hashlib.sha256(json.dumps(split.record()).encode()).hexdigest()[:16],
@@ -47,7 +47,7 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
         "_output_all_columns": False,
         "_split": None,
     }
-    write_text(folder / "state.json", json.dumps(state, indent=2))
+    File(folder / "state.json").write_text(json.dumps(state, indent=2))
 
 
 def _list_of(dtype: str) -> dict[str, Any]:

@@ -23,8 +23,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
-from labyrinth_core.data.storage import write_text
-from pipeline.config.export import CODEBASE_VERSION
+from labyrinth_core.data.storage import File
+from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
@@ -67,8 +67,8 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
             episodes.write_table(pa.Table.from_pylist(rows, episodes.schema))
     task = str(split.manifest.config.task)
     pd.DataFrame({"task_index": [0]}, index=[task]).to_parquet(folder / "meta/tasks.parquet")
-    write_text(folder / "meta/stats.json", json.dumps(_statistics(sums), indent=4))
-    write_text(folder / "meta/info.json", json.dumps(_info(split), indent=4))
+    File(folder / "meta/stats.json").write_text(json.dumps(_statistics(sums), indent=4))
+    File(folder / "meta/info.json").write_text(json.dumps(_info(split), indent=4))
 
 
 def _frames_and_rows(
@@ -167,7 +167,7 @@ def _info(split: Split) -> dict[str, Any]:
         name: {"dtype": kind, "shape": [1], "names": None} for name, kind in _SCALARS.items()
     }
     return {
-        "codebase_version": CODEBASE_VERSION,
+        "codebase_version": ExportOptions.CODEBASE_VERSION,
         "robot_type": None,
         "total_episodes": split.count,
         "total_frames": split.rows,

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.data.episodes import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.config.export import NAMESPACE
+from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ def write(split: Split, folder: Path) -> None:
         storage.update_episodes(batch)
     storage.update_metadata({"licence": split.licence, "labyrinth": split.record()})
     (folder / split.id / "data").replace(folder / "data")
-    shutil.rmtree(folder / NAMESPACE)
+    shutil.rmtree(folder / ExportOptions.NAMESPACE)
 
 
 def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:

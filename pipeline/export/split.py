@@ -16,8 +16,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.version import DEVELOPERS, __version__
-from labyrinth_core.world.dynamics import STEP_LIMIT
-from pipeline.config.export import NAMESPACE, VERSION
+from labyrinth_core.world.rules import RULES
+from pipeline.config.export import ExportOptions
 from pipeline.machinery.console import tracked
 
 PART_BYTES = 16 << 20
@@ -45,7 +45,8 @@ class Split:
     @property
     def id(self) -> str:
         """The name of the export, such as `labyrinth/5x5/train-v0`."""
-        return f"{NAMESPACE}/{self.manifest.config.name}/{self.name}-v{VERSION}"
+        version = f"{self.name}-v{ExportOptions.VERSION}"
+        return f"{ExportOptions.NAMESPACE}/{self.manifest.config.name}/{version}"
 
     @property
     def rows(self) -> int:
@@ -60,7 +61,7 @@ class Split:
     @property
     def step_limit(self) -> int:
         """The number of steps after which an environment truncates an episode."""
-        return STEP_LIMIT * self.manifest.config.height * self.manifest.config.width
+        return RULES.step_limit * self.manifest.config.height * self.manifest.config.width
 
     @property
     def description(self) -> str:

@@ -10,16 +10,15 @@ from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import TABLE
-from labyrinth_core.data.storage import write_text
-from pipeline.config.errors import check, listed
-from pipeline.config.export import RECORD, ExportOptions
-from pipeline.config.stage import CONFIG, Job
+from labyrinth_core.data.storage import File
+from pipeline.config.errors import check
+from pipeline.config.export import ExportOptions
+from pipeline.config.stage import Job
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import say
-from pipeline.machinery.dataset import dataset_of
 
 README = "README.md"
 """The card of the datasets in a folder, which may name their licence."""
@@ -56,9 +55,10 @@ def _export(
         with produced(target, split.key, overwrite=overwrite, instead=INSTEAD) as made:
             if made is not None:
                 write(split, made)
-                write_text(made / RECORD, json.dumps(split.record(), indent=2) + "\n")
-                if job.composed:
-                    write_text(made / CONFIG, job.composed)
+                File(made / ExportOptions.RECORD).write_text(
+                    json.dumps(split.record(), indent=2) + "\n"
+                )
+                job.write_config(made)
     except DatasetError:
         raise
     except (OSError, RuntimeError) as error:  # h5py raises either.
@@ -85,10 +85,9 @@ def _writer(asked: ExportOptions) -> Callable[[Split, Path], None]:
 def splits_of(job: Job[ExportStageOptions]) -> list[Split]:
     """Return the splits to export; raises the same errors as `run`."""
     asked = job.options.export
-    data = dataset_of(job)
+    data = job.open_dataset()
     names = data.splits
-    unknown = [name for name in asked.splits if name not in names]
-    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {listed(names)}")
+    asked.check_splits(names)
     values, _ = front_matter.read(data.locate([TABLE, f"../{README}"]).parent / README)
     return [
         Split(

@@ -23,6 +23,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
@@ -53,11 +55,11 @@ from pipeline.generation.structures import check_capacity, sample
 from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import console, say, summary, tracked
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
+from pipeline.machinery.versions import build_versions
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
@@ -83,7 +85,7 @@ def run(job: Job[BuildOptions], **sizes: Any) -> None:
         return
     with held(job.data_dir, "README.md"):
         front_matter.update(job.data_dir)
-    console.print(summary(manifest))
+    say(_summary(manifest))
     _report_cut(manifest)
     say(f"To load it: {_loading_line(job)}")
 
@@ -395,4 +397,26 @@ def _report_cut(manifest: Manifest) -> None:
     named = ", ".join(f"{count} of {split}" for split, count in cut.items() if count)
     if named:
         limit = manifest.config.solutions_limit
-        console.print(f"solutions_limit={limit} was reached, so routes may be missing: {named}.")
+        say(f"solutions_limit={limit} was reached, so routes may be missing: {named}.")
+
+
+def _summary(manifest: Manifest) -> Table:
+    """Return the table of a dataset, with a row of figures for each split."""
+    title = f"{manifest.config.name}, seed {manifest.config.seed}"
+    table = Table(title=title, box=SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
+    table.add_column("split")
+    for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):
+        table.add_column(heading, justify="right")
+    for split in manifest.config.splits:
+        shards = manifest.of(split)
+        episodes, rows = sum(s.episodes for s in shards), sum(s.rows for s in shards)
+        table.add_row(
+            split,
+            f"{sum(s.labyrinths for s in shards):,}",
+            f"{episodes:,}",
+            f"{rows:,}",
+            f"{(rows - episodes) / episodes:.2f}",
+            f"{max(s.longest for s in shards):,}",
+            f"{sum(s.bytes for s in shards) / 1e6:.2f}",
+        )
+    return table

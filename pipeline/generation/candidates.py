@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import CELLS_PER_CHUNK, Drawing
 from labyrinth_core.data.splits import SAMPLED_SPLITS
-from labyrinth_core.data.storage import AnyPath, write_bytes
-from labyrinth_core.world.labyrinth import Structure
+from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.world.structure import Structure
 
 UNFIT = -1
 """In place of the split of a candidate that no split can use, or that repeats one in its chunk."""
@@ -92,7 +92,7 @@ def draw_chunk(job: tuple[Chunk, AnyPath]) -> None:
     try:
         chunk.read(folder)
     except (FileNotFoundError, ValueError):
-        write_bytes(folder / chunk.name, chunk.records().tobytes())
+        File(folder / chunk.name).write_bytes(chunk.records().tobytes())
 
 
 class Candidates:

@@ -25,9 +25,9 @@ from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SHIFTS, SPLITS
-from labyrinth_core.data.storage import AnyPath, file_sha256, local_copy
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.collection import is_litter
-from pipeline.config.options import WorkersOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
     CheckJob,
@@ -50,8 +50,8 @@ from pipeline.generation.table import (
 from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.versions import build_versions
 
 PROBLEMS_SHOWN = 20
 
@@ -67,7 +67,7 @@ class ValidationError(DatasetError):
         super().__init__("\n  ".join(lines))
 
 
-def run(job: Job[WorkersOption]) -> None:
+def run(job: Job[WorkOptions]) -> None:
     """Validate the dataset in the folder of a run.
 
     Raises:
@@ -137,7 +137,7 @@ def check_shard(job: CheckJob) -> ShardReport:
 
     path = job.shard.path
     try:
-        with local_copy(job.file.path) as local:
+        with File(job.file.path).local_copy() as local:
             if not read_schema(local).equals(arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
             with open_shard(local) as file, no_garbage_collection():
@@ -174,7 +174,7 @@ def _compared(job: CheckJob, file: Any, local: Path) -> ShardReport:
         unreadable.append(f"{shard.path} cannot be compared with {why}")
     lines = [f"{shard.path} row {row} {column}: {what}" for row, column, what in problems]
     lines += unreadable
-    known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": file_sha256(local)}
+    known: dict[str, int | str] = {"bytes": local.stat().st_size, "sha256": File(local).sha256()}
     if not lines:  # If rows are wrong, their counts and fingerprint are not known.
         known |= content.counts | {"fingerprint": fingerprint.hexdigest()}
     lines += (
@@ -278,7 +278,7 @@ def table_file_problems(data: Dataset) -> tuple[list[str], bool]:
     path, manifest = data.folder / TABLE, data.manifest
     try:
         problems = []
-        digest, expected = file_sha256(path), manifest.table.sha256
+        digest, expected = File(path).sha256(), manifest.table.sha256
         if digest != expected:
             problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
         with opened_table(path) as file:

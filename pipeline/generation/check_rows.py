@@ -16,14 +16,16 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Solution, solve
+from labyrinth_core.data.drawing import Drawing, Solution
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import NUMBERS
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
+from labyrinth_core.world.structure import Structure
 from pipeline.generation.labyrinths import labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row
@@ -208,7 +210,7 @@ def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
     if (structure.height, structure.width) != (config.height, config.width):
         raise LabyrinthError(f"a labyrinth of {structure.height}x{structure.width}")
     labyrinth, parent = labyrinth_and_parent(config, split, structure)
-    return Remade(number, parent, dump(labyrinth), solve(config, split, labyrinth))
+    return Remade(number, parent, dump(labyrinth), Drawing(config).solve(split, labyrinth))
 
 
 def differences(

@@ -7,17 +7,16 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import ACTING, Drawing
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import SHIFTS, SPLITS
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure
-from labyrinth_core.world.solver import moves_of, shortest_route
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
-    change_goal,
-    change_start,
-    change_start_and_goal,
+    Placer,
     tiles_matter,
 )
 
@@ -42,15 +41,15 @@ def labyrinth_and_parent(
     parent = drawing.labyrinth(kind.parent, structure)
     if kind.new_structure:
         made = NEW_STRUCTURES[split].make(config, parent)
-        if (bucket := bucket_of(config, made.structure)) != kind.bucket:
+        if (bucket := config.bucket_of(made.structure)) != kind.bucket:
             raise LabyrinthError(f"the new structure belongs to {bucket or 'no split'}")
         return made, parent
-    if kind.new_start and kind.new_goal:
-        return change_start_and_goal(parent, drawing.rng(split, structure)), parent
-    if kind.new_start:
-        return change_start(parent, drawing.rng(split, structure)), parent
-    if kind.new_goal:
-        return change_goal(parent, drawing.rng(split, structure)), parent
+    if kind.new_start or kind.new_goal:
+        placer = Placer(drawing.rng(split, structure))
+        if kind.new_start and kind.new_goal:
+            return placer.other_ends(parent), parent
+        moved = placer.other_start if kind.new_start else placer.other_goal
+        return moved(parent), parent
     return (replace(parent, look=kind.look) if kind.is_redrawn else parent), parent
 
 
@@ -90,7 +89,7 @@ def twin(config: DatasetConfig, labyrinth: Labyrinth) -> Labyrinth:
     rng = Drawing(config).rng("one_wall", structure)
     for number in rng.permutation(len(passages)).tolist():
         changed = toggled(structure, *passages[number])
-        if bucket_of(config, changed) != "test":
+        if config.bucket_of(changed) != "test":
             continue
         try:
             other = replace(labyrinth, structure=changed)
@@ -112,7 +111,7 @@ def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) 
         return f"{changed} walls differ from its parent, not one"
     if not others.is_connected or not tiles_matter(other):
         return "not every cell can be reached, or the tiles of the task make no difference"
-    if moves_of(labyrinth) != moves_of(other):
+    if Solver(labyrinth).moves != Solver(other).moves:
         return None
     if config.solutions == "shortest":
         for passage in _demonstrated(config, labyrinth):
@@ -167,7 +166,7 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     structure = labyrinth.structure
     yield from sorted(set(_demonstrated(config, labyrinth)))
     from_start, to_goal = structure.distances(labyrinth.start), labyrinth.cell_distances
-    moves = moves_of(labyrinth)
+    moves = Solver(labyrinth).moves
     for cell, beside in walls(structure):
         there = from_start[cell] + 1 + to_goal[beside]
         back = from_start[beside] + 1 + to_goal[cell]
@@ -177,6 +176,8 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
 
 def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple[int, int]]:
     """Yield the passages of the shortest route that train demonstrates, the lower cell first."""
-    rng = Drawing(config).rng("train", labyrinth.structure, ACTING)
-    cells = [state.agent for state in replay(labyrinth, shortest_route(labyrinth, rng)).states]
+    rng = Drawing(config).acting_rng("train", labyrinth.structure)
+    cells = [
+        state.agent for state in replay(labyrinth, Solver(labyrinth).shortest_route(rng)).states
+    ]
     return ((min(pair), max(pair)) for pair in pairwise(cells))

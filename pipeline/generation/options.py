@@ -7,12 +7,7 @@ from dataclasses import dataclass
 
 from pipeline.config.errors import check
 from pipeline.config.option import option
-from pipeline.config.options import (
-    ResultsFolderOption,
-    RunFolderOption,
-    WorkersOption,
-    WorkOptions,
-)
+from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
 from pipeline.config.stage import Job, Stage
 
 DESCRIBE = "stages=validate,analyse,card", "check every row and describe the dataset"
@@ -61,5 +56,5 @@ STAGES = {
         # The other stages need the whole dataset, which the last run, without part, assembles.
         runs_alone=lambda options: bool(options.part),
     ),
-    "validate": Stage("pipeline.generation.check", WorkersOption),
+    "validate": Stage("pipeline.generation.check", WorkOptions),
 }

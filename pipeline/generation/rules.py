@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.splits import SPLITS, Split
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import moves_of
-from labyrinth_core.world.tasks import manhattan, tiles_matter
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.tasks import tiles_matter
 from pipeline.generation.labyrinths import NEW_STRUCTURES
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
@@ -37,7 +36,7 @@ def labyrinth_problems(
         yield "not every cell can be reached"
     if not tiles_matter(labyrinth):
         yield "the tiles of the task make no difference"
-    bucket = bucket_of(config, structure)
+    bucket = config.bucket_of(structure)
     if bucket != kind.bucket:
         yield f"the structure belongs to {bucket or 'no split'}"
     if labyrinth.look is not kind.look:
@@ -45,7 +44,7 @@ def labyrinth_problems(
     if parent is not None:
         yield from _relation_problems(config, split, labyrinth, parent)
     if split in SELECTED_SHIFTS:
-        measures = Measures(moves_of(labyrinth), structure.loops, structure.junctions)
+        measures = Measures(Solver(labyrinth).moves, structure.loops, structure.junctions)
         problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
         if problem is not None:
             yield problem
@@ -69,7 +68,7 @@ def _relation_problems(
     elif not any(moved):
         if replace(labyrinth, look=parent.look) != parent:
             yield f"more than its look differs from its parent in {kind.parent}"
-    elif manhattan(labyrinth.start, labyrinth.goal, config.width) < (
+    elif labyrinth.structure.grid_distance(labyrinth.start, labyrinth.goal) < (
         least := _least_apart(config, kind, parent)
     ):
         yield f"start and goal are less than {least} moves apart"
@@ -83,7 +82,7 @@ def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
     # If only one of the two moves, no cell may be that far from the other.
     stays = parent.goal if kind.new_start else parent.start
     cells = {*range(parent.structure.cells)} - {parent.start, parent.goal}
-    return min(least, max(manhattan(cell, stays, config.width) for cell in cells))
+    return min(least, max(parent.structure.grid_distance(cell, stays) for cell in cells))
 
 
 def route_problems(config: DatasetConfig, split: str, solution: Solution) -> Iterator[str]:
@@ -94,7 +93,7 @@ def route_problems(config: DatasetConfig, split: str, solution: Solution) -> Ite
     """
     if split == "random" or config.noise:
         return
-    labyrinth, best = solution.labyrinth, moves_of(solution.labyrinth)
+    labyrinth, best = solution.labyrinth, Solver(solution.labyrinth).moves
     if any(episode.states[-1].agent != labyrinth.goal for episode in solution.episodes):
         yield "an episode ends before the goal"
     lengths = {len(episode) for episode in solution.episodes}

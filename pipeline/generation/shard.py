@@ -21,16 +21,17 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import solve
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256, write_bytes
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import Episode, State
+from labyrinth_core.world.dynamics import Episode
 from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import numbered_labyrinths
 from pipeline.generation.table import (
@@ -41,8 +42,8 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import new_file
+from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -154,7 +155,7 @@ class Sidecar(NamedTuple):
     def write(self, job: ShardJob) -> None:
         """Write the file that marks the shard as finished."""
         line = json.dumps({"mark": self.mark, "shard": asdict(self.shard)})
-        write_bytes(job.sidecar, f"{line}\n".encode() + self.facts.tobytes())
+        File(job.sidecar).write_bytes(f"{line}\n".encode() + self.facts.tobytes())
 
 
 def not_as_it_was(path: AnyPath) -> str:
@@ -172,12 +173,12 @@ def finished(job: ShardJob) -> Shard | None:
     """
     with suppress(FileNotFoundError, ValueError, RecursionError):
         sidecar = Sidecar.read(job)
-        if sidecar.is_of(job) and file_sha256(job.path) == sidecar.shard.sha256:
+        if sidecar.is_of(job) and File(job.path).sha256() == sidecar.shard.sha256:
             return sidecar.shard
     there = job.there
     if there is not None and there.table_row is not None:
         with suppress(FileNotFoundError):
-            if file_sha256(there.path) == there.shard.sha256:
+            if File(there.path).sha256() == there.shard.sha256:
                 with new_file(job.path, job.building) as path:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
@@ -199,7 +200,9 @@ def make_shard(job: ShardJob) -> Shard:
 
     def parts() -> Iterator[list[Row]]:
         for batch in _batches(job):
-            solutions = [solve(job.config, job.split, labyrinth) for _, labyrinth, _ in batch]
+            solutions = [
+                Drawing(job.config).solve(job.split, labyrinth) for _, labyrinth, _ in batch
+            ]
             for (number, labyrinth, parent), solution in zip(batch, solutions, strict=True):
                 info = dump(labyrinth)
                 yield from render(job.split, number, info, solution.episodes)
@@ -207,7 +210,7 @@ def make_shard(job: ShardJob) -> Shard:
 
     with new_file(job.path, job.building) as path:
         fingerprint = write(path, parts())
-        size, sha256 = path.stat().st_size, file_sha256(path)
+        size, sha256 = path.stat().st_size, File(path).sha256()
         if job.there is not None and job.there.shard.sha256 != sha256:
             raise DatasetError(not_as_it_was(job.there.path))
     shard = Shard(

@@ -17,12 +17,13 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, LabyrinthError, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.solver import RouteMemory, least_moves, moves_of
+from labyrinth_core.world.solver import RouteMemory, Solver
+from labyrinth_core.world.structure import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import default_start_and_goal
 from pipeline.generation.labyrinths import toggled, walls
 
@@ -84,7 +85,7 @@ class SelectedShift:
         """Yield random structures, most of them with the property of the shift."""
 
         def in_bucket(structure: Structure) -> bool:
-            return bucket_of(config, structure) == "test"
+            return config.bucket_of(structure) == "test"
 
         def moves(structure: Structure) -> int:
             measures = measures_of(config, split, structure)
@@ -107,10 +108,10 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
     """Return the measures of a structure in a split, None if it cannot hold the task."""
     if not config.task.rules.tiles and config.goals == "fixed":
         # Making the labyrinth takes 7 times as long at 5x5.
-        moves = least_moves(structure, *default_start_and_goal(config.height, config.width))
+        moves = structure.least_moves(*default_start_and_goal(config.height, config.width))
     else:
         try:
-            moves = moves_of(Drawing(config).labyrinth(split, structure))
+            moves = Solver(Drawing(config).labyrinth(split, structure)).moves
         except LabyrinthError:
             return None
     return Measures(moves, structure.loops, structure.junctions)
@@ -188,7 +189,7 @@ def train_of(
     needs_routes = any(SELECTED_SHIFTS[each].needs_routes for each in selected_shifts(config))
     moves, loops, routes = 0, 0, list[Iterable[int]]()
     for labyrinth, its_routes in demonstrated:
-        moves = max(moves, moves_of(labyrinth))
+        moves = max(moves, Solver(labyrinth).moves)
         loops = max(loops, labyrinth.structure.loops)
         if needs_routes:
             routes += its_routes

@@ -29,15 +29,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import (
     PATIENCE,
     Drawing,
-    solve,
 )
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (
@@ -213,7 +212,7 @@ def check_capacity(config: DatasetConfig) -> None:
     for passages in subsets:
         structure = Structure.from_passages(config.height, config.width, passages)
         if structure.is_connected:
-            split = bucket_of(config, structure)
+            split = config.bucket_of(structure)
             if split is not None:
                 counts[split] += drawing.holds_task(split, structure)
     least = min(counts.values())
@@ -256,7 +255,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
 
 def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
     """Yield the cells of each route that train demonstrates in a labyrinth."""
-    for episode in solve(config, "train", labyrinth).episodes:
+    for episode in Drawing(config).solve("train", labyrinth).episodes:
         yield [state.agent for state in episode.states]
 
 
@@ -276,7 +275,7 @@ class Taken:
 
     def take(self, structure: Structure) -> bool:
         """Take a structure for a shift; return whether it was free."""
-        if bucket_of(self._config, structure) != "test":
+        if self._config.bucket_of(structure) != "test":
             return False
         if self._near is not None and self._near.is_near(structure):
             return False

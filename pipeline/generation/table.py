@@ -20,10 +20,10 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Shard, TableFile
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import count_optimal
+from labyrinth_core.world.solver import Solver
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -99,7 +99,7 @@ class Content:
                 turns if demonstrated else NOTHING,
                 len(routes),
                 steps + len(routes),
-                steps if is_shortest else count_optimal(labyrinth, routes),
+                steps if is_shortest else Solver(labyrinth).count_optimal(routes),
                 *(structure.loops, structure.junctions, structure.dead_ends),
             )
         )
@@ -222,7 +222,7 @@ def write_table(
         writer.add_key_value_metadata(schema.metadata)
         for group in _groups(config, parts):
             writer.write_table(group)
-    return TableFile(path.stat().st_size, file_sha256(path))
+    return TableFile(path.stat().st_size, File(path).sha256())
 
 
 def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:

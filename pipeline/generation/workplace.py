@@ -17,14 +17,12 @@ from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
-    file_sha256,
-    size_and_time,
-    write_text,
+    File,
 )
 from labyrinth_core.language.collection import is_litter
 from pipeline.machinery.artifact import HASHES, Sums, differences, named
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.folders import Completion, completion, remove, within
+from pipeline.machinery.versions import build_versions
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -112,9 +110,9 @@ class Workplace:
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
         path = self.folder / name
         with suppress(FileNotFoundError):
-            found, changed = size_and_time(path)
+            found, changed = File(path).size_and_time()
             is_older = self._place.is_covered(changed)
-            return found == size and (is_older or file_sha256(path) == sha256)
+            return found == size and (is_older or File(path).sha256() == sha256)
         return False
 
     def prepare(
@@ -165,7 +163,7 @@ class Workplace:
             remove(unfinished)
 
     def _write(self, content: Mapping[str, Any]) -> None:
-        write_text(self.building / _CONFIG, json.dumps(content))
+        File(self.building / _CONFIG).write_text(json.dumps(content))
 
     def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
         """Raise a DatasetError that names the differences from the build that has begun."""

@@ -12,14 +12,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib import import_module
-from importlib.util import find_spec
+from pathlib import Path
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import Column
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
-from pipeline.config.stages import WINGS
 
 
 @dataclass(frozen=True)
@@ -73,8 +72,8 @@ class Companion:
 @cache
 def companions() -> tuple[Companion, ...]:
     """Return the declared kinds of companions."""
-    modules = (f"pipeline.{wing}.companion" for wing in WINGS)
-    return tuple(import_module(module).COMPANION for module in modules if find_spec(module))
+    wings = sorted(path.parent.name for path in Path(__file__).parents[1].glob("*/companion.py"))
+    return tuple(import_module(f"pipeline.{wing}.companion").COMPANION for wing in wings)
 
 
 def beside(manifests: Sequence[Manifest], kind: Companion) -> dict[str, Manifest]:

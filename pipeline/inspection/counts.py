@@ -19,9 +19,9 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import Action, initial, state_index
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError
-from labyrinth_core.world.solver import optimal_actions, table_and_distances
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, LabyrinthError
+from labyrinth_core.world.solver import Solver
 from pipeline.inspection.leakage import Keys
 
 EXAMPLES = 5
@@ -34,8 +34,8 @@ class Route(NamedTuple):
     labyrinth: Labyrinth
     is_first: bool
     """Whether it is the labyrinth's first route."""
-    shortest: int
-    """The number of moves of a shortest route in the labyrinth, from its start."""
+    solver: Solver
+    """The labyrinth, solved."""
     states: Sequence[int]
     """The T + 1 states visited, as `dynamics` numbers them: modulo the cells, the agent's cell."""
     actions: Sequence[int]
@@ -62,16 +62,14 @@ def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Rou
                 labyrinth = parse(text)
             except LabyrinthError as error:
                 raise DatasetError(one_line(error)) from error
-            table, distances = table_and_distances(labyrinth)
-            start = state_index(labyrinth, initial(labyrinth))
-            shortest = distances[start]
+            solver = Solver(labyrinth)
         for action in (min(actions, default=0), max(actions, default=0)):
             if not 0 <= action < len(Action):
                 raise DatasetError(f"{action} is not an action")
-        states = [start]
+        states = [labyrinth.start]
         for action in actions:
-            states.append(table[states[-1]][action])
-        yield Route(labyrinth, is_first, shortest, states, actions, returned)
+            states.append(solver.table[states[-1]][action])
+        yield Route(labyrinth, is_first, solver, states, actions, returned)
 
 
 def routes_of(file: ShardFile) -> Iterator[Route]:
@@ -217,10 +215,10 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
     for route in routes:
         if route.is_first:
             labyrinths.append(route.labyrinth)
-            moves.append(route.shortest)
+            moves.append(route.solver.moves)
             actions.append(np.zeros(len(Action), np.int64))
             visits.append(np.zeros(cells, np.int64))
-            best = optimal_actions(route.labyrinth)
+            best = route.solver.optimal_actions()
             if len(examples) < EXAMPLES:
                 examples.append(Example(route.labyrinth, tuple(route.actions)))
         taken = np.array(route.actions, np.int64)

@@ -7,8 +7,10 @@ import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from importlib import resources
 from itertools import chain
 from pathlib import Path
+from string import Template
 from typing import Any
 
 import yaml
@@ -19,7 +21,7 @@ from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, write_text
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.source_text import printable_line
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
@@ -103,7 +105,7 @@ def update(data_dir: AnyPath) -> None:
         reason = "missing, or about other rows (the stage that made it makes it again)"
         say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
-    write_text(path, with_values(wanted, text))
+    File(path).write_text(with_values(wanted, text))
 
 
 def splits_of(manifests: list[Manifest]) -> list[str]:
@@ -315,26 +317,10 @@ def licence_of(values: Mapping[str, Any]) -> str:
 
 
 def _text(manifests: list[Manifest]) -> str:
-    columns = "\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS)
-    splits = "\n".join(f"| `{split}` | {SPLITS[split].meaning} |" for split in splits_of(manifests))
-    return f"""
-# Labyrinth
-
-Grid labyrinths with optimal actions, which show whether an imitation learner generalises or
-memorises: no structure, and no mirror image of one that keeps start and goal, is in two of
-train, validation and test.
-
-```python
-from datasets import load_dataset
-
-dataset = load_dataset("path or id of this dataset", "{default_config(manifests)}")
-```
-
-| column | meaning |
-|---|---|
-{columns}
-
-| split | holds |
-|---|---|
-{splits}
-"""
+    """Return the card that a build writes, in brief; the stage `card` writes all of it."""
+    brief = resources.files(__package__).joinpath("card_in_brief.md").read_text(encoding="utf-8")
+    return Template(brief).substitute(
+        default=default_config(manifests),
+        columns="\n".join(f"| `{column.name}` | {column.meaning} |" for column in COLUMNS),
+        splits="\n".join(f"| `{s}` | {SPLITS[s].meaning} |" for s in splits_of(manifests)),
+    )

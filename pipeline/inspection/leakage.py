@@ -22,8 +22,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, identity
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure, identity
 from pipeline.inspection.near_twins import (
     FAR,
     JOINED_WALLS,
@@ -348,7 +349,7 @@ def _optimal(labyrinth: Held) -> list[OptimalRoute]:
     if not isinstance(labyrinth, Labyrinth):
         return []
     beginning = labyrinth.structure.height, labyrinth.structure.width, labyrinth.start
-    return [(*beginning, bytes(route)) for route in shortest_routes(labyrinth, ROUTES + 1)]
+    return [(*beginning, bytes(route)) for route in Solver(labyrinth).shortest_routes(ROUTES + 1)]
 
 
 def _closeness(pair: Pair, base: _Known, other: _Known) -> Closeness:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.labyrinth import Structure, horizontal_edges, vertical_edges
+from labyrinth_core.world.structure import Structure
 
 JOINED_WALLS = 3
 """The largest distance found by looking up keys; for larger ones all pairs are compared."""
@@ -221,7 +221,8 @@ class Neighbourhood:
         """
         self._walls = walls
         self._shift = height * width
-        grid = vertical_edges(height, width) | horizontal_edges(height, width) << self._shift
+        every = Structure.without_walls(height, width)
+        grid = every.up | every.right << self._shift
         places = [place for place in range(grid.bit_length()) if grid >> place & 1]
         blocks, left_out = _cut(len(places), walls, structures)
         cut = [sum(1 << places[passage] for passage in block) for block in blocks]

@@ -9,22 +9,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Annotated, Any, TypedDict
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
-from labyrinth_core.data.storage import AnyPath, read_json
-from labyrinth_core.evaluation.schema import (
-    COUNT,
-    SHARE,
-    Each,
-    Maybe,
-    Named,
-    Number,
-    Text,
-    check_shape,
-)
+from labyrinth_core.data.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.inspection.leakage import Certificate, Keys, certify
@@ -37,31 +28,57 @@ MOST_NAMED = 20
 KINDS = ("equal", "mirrored", "symmetric", "same_route")
 """The ways in which two labyrinths can match."""
 
-_SPLIT = Text(r"\w{1,99}")
-_ID = Text(r"[0-9a-f]{16}")
-_BOTH = {"first": _SPLIT, "second": _SPLIT}
-_ANALYSIS = {
-    "leakage": {
-        "labyrinths": Named(_SPLIT, COUNT),
-        "repeated": Named(_SPLIT, COUNT),
-        "strangers": Named(_SPLIT, Each(_ID)),
-        "pairs": Each(
-            _BOTH
-            | dict.fromkeys(KINDS, Named(_ID, _ID))
-            | {"within": dict.fromkeys("123", COUNT), "spread": Text(r"[\w., -]{0,99}")}
-        ),
-    },
-    "shift": {
-        "permutations": COUNT,
-        "measures": Each(
-            _BOTH
-            | {"measure": Text(r"\w[\w ]{0,99}"), "labyrinths": (COUNT, COUNT)}
-            | {"distance": Number(0), "effect": Maybe(Number())}
-            | {"p_value": SHARE, "corrected": SHARE}
-        ),
-    },
-}
-"""The parts of `analysis.json` that the card and the report use."""
+_Split = Annotated[str, typed.Like(r"\w{1,99}")]
+_Id = Annotated[str, typed.Like("[0-9a-f]{16}")]
+_Within = TypedDict("_Within", {"1": typed.Count, "2": typed.Count, "3": typed.Count})
+
+
+class _Both(TypedDict):
+    first: _Split
+    second: _Split
+
+
+class _Pair(_Both):
+    equal: Mapping[_Id, _Id]
+    mirrored: Mapping[_Id, _Id]
+    symmetric: Mapping[_Id, _Id]
+    same_route: Mapping[_Id, _Id]
+    within: _Within
+    spread: Annotated[str, typed.Like(r"[\w., -]{0,99}")]
+
+
+class _Measure(_Both):
+    measure: Annotated[str, typed.Like(r"\w[\w ]{0,99}")]
+    labyrinths: tuple[typed.Count, typed.Count]
+    distance: Annotated[float, typed.Within(0)]
+    effect: float | None
+    p_value: typed.Share
+    corrected: typed.Share
+
+
+class _Leakage(TypedDict):
+    labyrinths: Mapping[_Split, typed.Count]
+    repeated: Mapping[_Split, typed.Count]
+    strangers: Mapping[_Split, list[_Id]]
+    pairs: list[_Pair]
+
+
+class _Shift(TypedDict):
+    permutations: typed.Count
+    measures: list[_Measure]
+
+
+class _Analysis(TypedDict):
+    """The parts of `analysis.json` that the card and the report use."""
+
+    leakage: _Leakage
+    shift: _Shift
+
+
+class _Made(TypedDict):
+    """What `analysis.json` was made from."""
+
+    fingerprint: Any
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,17 +178,17 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
     """
     path = data.folder / ANALYSIS
     try:
-        content = read_json(path)
-        check_shape(content, {"fingerprint": None})
+        content: _Made = typed.read_as(_Made, File(path).read_json())
         if content["fingerprint"] != data.fingerprint:
             return None
         sums = Sums.read(data.folder)
         if ANALYSIS in dict(sums.hashes) and not sums.has(ANALYSIS):
             raise ValueError(f"its sha256 is not the one in {HASHES}")
-        check_shape(content, _ANALYSIS)
-        leakage = content["leakage"]
+        analysis: _Analysis = typed.read_as(_Analysis, content)
+        leakage = analysis["leakage"]
         for pair in leakage["pairs"]:
-            check_shape(leakage["labyrinths"], {pair["second"]: COUNT}, "it.leakage.labyrinths")
+            if pair["second"] not in leakage["labyrinths"]:
+                raise ValueError(f"it.leakage.labyrinths has no {pair['second']}")
     except FileNotFoundError:
         return None
     except (ValueError, RecursionError) as error:
@@ -182,8 +199,8 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
         "repeated": leakage["repeated"],
         "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
         "pairs": [_pair(pair) for pair in leakage["pairs"]],
-        "permutations": content["shift"]["permutations"],
-        "shift": content["shift"]["measures"],
+        "permutations": analysis["shift"]["permutations"],
+        "shift": analysis["shift"]["measures"],
     }
 
 

@@ -28,11 +28,9 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
     AnyPath,
+    File,
+    LocalFile,
     RemotePath,
-    file_sha256,
-    size_and_time,
-    temporary_beside,
-    write_bytes,
 )
 from labyrinth_core.language.collection import is_litter
 from labyrinth_core.language.source_text import printable_line
@@ -60,7 +58,7 @@ _UNKNOWN = "0" * 64
 """Stands for the hash of a file in a store that is not made yet."""
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
-"""A name from `temporary_beside`: a process was killed while it wrote the file."""
+"""A name from `LocalFile.temporary`: a process was killed while it wrote the file."""
 
 
 @dataclass(frozen=True)
@@ -117,13 +115,13 @@ class Sums:
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
         """Hash all files of a folder; those in `names`, by default all, count as `made`."""
-        hashes = {(n, file_sha256(folder / n)) for n in _names_in(folder) if n != HASHES}
+        hashes = {(n, File(folder / n).sha256()) for n in _names_in(folder) if n != HASHES}
         made = frozenset(each for each in hashes if not names or each[0] in names)
         return cls(folder, key, made, frozenset(hashes - made))
 
     def write(self) -> None:
         """Write the list atomically."""
-        write_bytes(self.folder / HASHES, self.content())
+        File(self.folder / HASHES).write_bytes(self.content())
 
     def content(self) -> bytes:
         """Return the content of the list."""
@@ -160,7 +158,7 @@ class Sums:
         def is_whole(name: str, digest: str) -> bool:
             path = self.folder / name
             if not self.left and digest != _UNKNOWN and path.is_file():
-                return place.is_covered(size_and_time(path)[1]) or self.has(name)
+                return place.is_covered(File(path).size_and_time()[1]) or self.has(name)
             return self.has(name)
 
         return sorted(name for name, digest in self.made if not is_whole(name, digest))
@@ -257,7 +255,7 @@ class Sums:
         for name in filter(self.has, gone):
             (self.folder / name).unlink()
         for name, content in files.items():
-            write_bytes(self.folder / name, content)
+            File(self.folder / name).write_bytes(content)
         made = frozenset(each for each in ours.made if each[0] not in {*files, *gone})
         rest = ours.left - new
         kept = frozenset(each for each in rest if _hash_of(self.folder / each[0]) == each[1])
@@ -340,7 +338,7 @@ def produced(
             yield place
             Sums.of(place, key, names).write()
             return
-        scratch = temporary_beside(place)
+        scratch = LocalFile(place).temporary()
         try:
             made = scratch / place.name
             made.mkdir(parents=True)
@@ -361,7 +359,7 @@ def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
 
 def _hash_of(path: AnyPath) -> str | None:
     """Return the SHA-256 of a file; None if it does not exist."""
-    return file_sha256(path) if path.is_file() else None
+    return File(path).sha256() if path.is_file() else None
 
 
 def _is_there(path: AnyPath) -> bool:

@@ -1,4 +1,4 @@
-"""Terminal output: lines, progress bars and the summary of a dataset."""
+"""Terminal output: lines, tables and progress bars."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from math import ceil
 from threading import Event, Thread
 from typing import Any, TypeVar
 
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -24,7 +23,6 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.language.source_text import printable
 
 Item = TypeVar("Item")
@@ -45,9 +43,12 @@ class _Console(Console):
 console = _Console(markup=False, emoji=False)
 
 
-def say(text: str) -> None:
-    """Print a line as it is, neither coloured nor wrapped."""
-    console.print(text, highlight=False, soft_wrap=True)
+def say(what: str | Table) -> None:
+    """Print a line as it is, neither coloured nor wrapped, or a table."""
+    if isinstance(what, str):
+        console.print(what, highlight=False, soft_wrap=True)
+    else:
+        console.print(what)
 
 
 @cache
@@ -122,25 +123,3 @@ def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> 
             for amount, item in items:
                 yield item
                 bars.advance(bar, amount)
-
-
-def summary(manifest: Manifest) -> Table:
-    """Return the table of a dataset, with a row of figures for each split."""
-    title = f"{manifest.config.name}, seed {manifest.config.seed}"
-    table = Table(title=title, box=SIMPLE_HEAD, collapse_padding=True, pad_edge=False)
-    table.add_column("split")
-    for heading in ("labyrinths", "episodes", "rows", "mean moves", "longest", "MB"):
-        table.add_column(heading, justify="right")
-    for split in manifest.config.splits:
-        shards = manifest.of(split)
-        episodes, rows = sum(s.episodes for s in shards), sum(s.rows for s in shards)
-        table.add_row(
-            split,
-            f"{sum(s.labyrinths for s in shards):,}",
-            f"{episodes:,}",
-            f"{rows:,}",
-            f"{(rows - episodes) / episodes:.2f}",
-            f"{max(s.longest for s in shards):,}",
-            f"{sum(s.bytes for s in shards) / 1e6:.2f}",
-        )
-    return table

@@ -17,14 +17,9 @@ from typing import Any, ClassVar, TypeVar
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
     AnyPath,
+    File,
+    LocalFile,
     RemotePath,
-    locked,
-    naming,
-    replaceable,
-    replacing,
-    size_and_time,
-    temporaries,
-    temporary_beside,
 )
 from pipeline.machinery.console import say
 
@@ -59,15 +54,15 @@ def new_file(path: AnyPath, scratch: AnyPath) -> Iterator[Path]:
     if isinstance(path, RemotePath):
         with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
             local = Path(folder) / path.name
-            with naming(local):
+            with LocalFile(local).naming():
                 yield local
             path.upload(local)
         return
-    local = temporary_beside(Path(str(scratch)).absolute() / path.name)
+    local = LocalFile(Path(str(scratch)).absolute() / path.name).temporary()
     try:
-        with naming(path, local):
+        with LocalFile(path).naming(local):
             yield local
-            local.replace(replaceable(path))
+            local.replace(LocalFile(path).replaceable())
     finally:
         local.unlink(missing_ok=True)
 
@@ -105,9 +100,9 @@ def held(folder: AnyPath, name: str) -> Iterator[bool]:
             raise DatasetError(f"{file} is a file: move it, or choose another folder")
         is_locked = False
         try:
-            stack.enter_context(locked(folder / f".{name}.lock", say_so))
+            stack.enter_context(LocalFile(folder / f".{name}.lock").locked(say_so))
             is_locked = True
-            for left in temporaries(folder, [name]):
+            for left in LocalFile.temporaries(folder, [name]):
                 remove(left)
         except OSError:  # Reported by the caller, or the file system has no locks.
             pass
@@ -164,7 +159,7 @@ class Renamed:
 
     def leftovers(self, folder: Any, names: Collection[str]) -> list[Path]:
         """Return what killed processes left of files with these names in a folder."""
-        return temporaries(folder, names)
+        return LocalFile.temporaries(folder, names)
 
     def is_covered(self, changed: float) -> bool:  # noqa: ARG002
         """Return False: a file that counts as complete is hashed."""
@@ -206,7 +201,7 @@ class Marked:
 
     @cached_property
     def _marked(self) -> float:
-        return size_and_time(self.folder / self.mark)[1]
+        return File(self.folder / self.mark).size_and_time()[1]
 
 
 Completion = Renamed | Marked
@@ -245,12 +240,12 @@ def move_into_place(made: Path, folder: Path, mark: str) -> None:
     wait_for_disk(made)
     try:
         if folder.exists():
-            folder.replace(temporary_beside(folder, _REPLACED))
+            folder.replace(LocalFile(folder).temporary(_REPLACED))
         made.replace(folder)
     except OSError as error:
         if error.errno not in _NOT_RENAMED:
             raise
-        complete = temporary_beside(folder, _COMPLETE)
+        complete = LocalFile(folder).temporary(_COMPLETE)
         for file in _files(made, mark):
             place = complete / file.relative_to(made)
             place.parent.mkdir(parents=True, exist_ok=True)
@@ -262,11 +257,11 @@ def move_into_place(made: Path, folder: Path, mark: str) -> None:
 
 def recover(folder: Path, mark: str) -> None:
     """Complete a folder that a crash in `move_into_place` left, or put the replaced one back."""
-    for complete in temporaries(folder.parent, [folder.name], _COMPLETE):
+    for complete in LocalFile.temporaries(folder.parent, [folder.name], _COMPLETE):
         if (complete / mark).exists():
             _copy(complete, folder, mark)
         remove(complete)
-    for replaced in temporaries(folder.parent, [folder.name], _REPLACED):
+    for replaced in LocalFile.temporaries(folder.parent, [folder.name], _REPLACED):
         if folder.exists():
             remove(replaced)
         else:
@@ -283,7 +278,7 @@ def _copy(complete: Path, folder: Path, mark: str) -> None:
             wait_for_disk(folder)
         place = folder / file.relative_to(complete)
         place.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(place) as temporary:
+        with LocalFile(place).replacing() as temporary:
             shutil.copy2(file, temporary, follow_symlinks=False)
     wait_for_disk(folder)
 

@@ -14,8 +14,8 @@ from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.rows import each_read
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.versions import build_versions
 
 GROUP_ROWS = 256
 """The rows of a row group, about 3 MB."""

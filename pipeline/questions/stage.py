@@ -15,16 +15,16 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
+from pipeline.machinery.versions import build_versions
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 
@@ -98,6 +98,6 @@ def _write(folder: AnyPath, file: ShardFile) -> Shard:
             longest=longest,
             cut=0,
             bytes=path.stat().st_size,
-            sha256=file_sha256(path),
+            sha256=File(path).sha256(),
             fingerprint=about.fingerprint,
         )

@@ -19,7 +19,7 @@ import yaml
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
-from labyrinth_core.data.storage import AnyPath, file_sha256
+from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
@@ -188,11 +188,11 @@ def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
             folders |= beside([manifest], kind)
         for name, each in folders.items():
             listed |= {f"{name}/{shard.path}": shard.sha256 for shard in each.shards}
-            listed[f"{name}/{MANIFEST}"] = file_sha256(data_dir / name / MANIFEST)
+            listed[f"{name}/{MANIFEST}"] = File(data_dir / name / MANIFEST).sha256()
         name = manifest.config.name
         listed[f"{name}/{TABLE}"] = manifest.table.sha256
         if read_analysis(Dataset.at(data_dir / name, manifest)):
-            listed[f"{name}/{ANALYSIS}"] = file_sha256(data_dir / name / ANALYSIS)
+            listed[f"{name}/{ANALYSIS}"] = File(data_dir / name / ANALYSIS).sha256()
     return listed
 
 

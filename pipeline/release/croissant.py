@@ -2,17 +2,18 @@
 
 Croissant 1.1 (https://docs.mlcommons.org/croissant/docs/croissant-spec-1.1.html) and its RAI
 vocabulary 1.0 (https://docs.mlcommons.org/croissant/docs/croissant-rai-spec.html). The description
-that the Hub generates lacks those fields and the hashes. `texts/croissant.json` holds everything
-that does not depend on the data: `@context` is the one that mlcroissant 1.1 expects, with the
-provenance vocabulary; `datePublished` is the fixed day of this data format (`manifest.FORMAT` 2),
-so that the same data give the same file.
+that the Hub generates lacks those fields and the hashes. `texts/croissant.json` is the template, in
+parts: `@context` is the one that mlcroissant 1.1 expects, with the provenance vocabulary;
+`datePublished` is the fixed day of this data format (`manifest.FORMAT` 2), so that the same data
+give the same file; the `sha256` of the repository is an issue of Croissant's, as it has none.
 """
 
 from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any
+from string import Template
+from typing import Any, NamedTuple
 
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import TABLE, Manifest
@@ -23,7 +24,7 @@ from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.readme import limits
-from pipeline.release.texts import Release, citation, command, read
+from pipeline.release.texts import Release, citation, command, paragraph, read
 
 REPOSITORY = "repo"
 """The id of the repository that contains a release; `mapping={"repo": folder}` makes
@@ -41,140 +42,125 @@ _DATA_TYPES = {
 """Type of a column's feature, as in the library `datasets` -> Croissant data type."""
 
 
+class _Config(NamedTuple):
+    """A config with splits: a dataset, or a companion such as questions."""
+
+    manifest: Manifest
+    columns: Sequence[Column]
+    splits: Sequence[str]
+    row: str
+    """What a row stands for."""
+
+
 def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the content of the croissant.json of a folder of datasets."""
-    content = json.loads(read("croissant.json"))
+    parts = json.loads(read("croissant.json"))
     manifests = [dataset.manifest for dataset in datasets]
-    extra = [(kind, beside(manifests, kind)) for kind in companions()]
-    held = {d.name: d.manifest for d in datasets}
-    for _, own in extra:
-        held |= own
-    content |= {
-        "url": release.url,
-        "version": release.version or "0.0.0-unreleased",
-        "citeAs": citation().partition("\n\n")[0],
-        "creator": [{"@type": "Organization", "name": DEVELOPERS}],
-        "rai:dataLimitations": limits(datasets),
-        "prov:wasGeneratedBy": [
-            {
-                "@type": "prov:Activity",
-                "name": f"{dataset.name}, labyrinth-datasets "
-                f"{dataset.manifest.versions.get('labyrinth-datasets', '')}".strip(),
-                "description": command(dataset.manifest.config),
-            }
-            for dataset in datasets
-        ],
-        "distribution": _distribution(held, release),
-        "recordSet": [
-            *(
-                _split_records(d.name, COLUMNS, d.manifest.config.splits, "state of an episode")
-                for d in datasets
-            ),
-            *(_table_records(d.name) for d in datasets),
-            *(
-                _split_records(name, kind.columns, kind.splits(made.config), kind.row)
-                for kind, own in extra
-                for name, made in own.items()
-            ),
-        ],
+    configs = {
+        m.config.name: _Config(m, COLUMNS, m.config.splits, "state of an episode")
+        for m in manifests
     }
-    if release.licence != front_matter.LICENCE:
-        content["license"] = release.licence
-    if all(dataset.manifest.config.goals != "fixed" for dataset in datasets):
-        del content["rai:dataBiases"][1]  # The one of start and goal in fixed corners.
+    extra = {
+        name: _Config(made, kind.columns, kind.splits(made.config), kind.row)
+        for kind in companions()
+        for name, made in beside(manifests, kind).items()
+    }
+    is_fixed = any(manifest.config.goals == "fixed" for manifest in manifests)
+    mit = release.licence == front_matter.LICENCE
+    content = _filled(
+        parts["dataset"],
+        url=release.url,
+        licence="https://spdx.org/licenses/MIT.html" if mit else release.licence,
+        version=release.version or "0.0.0-unreleased",
+        citation=citation().partition("\n\n")[0],
+        developers=DEVELOPERS,
+        corners=paragraph("corners") if is_fixed else None,
+        limits=limits(datasets),
+        activities=[
+            _filled(parts["activity"], software=_software(each), command=command(each.config))
+            for each in manifests
+        ],
+        distribution=[*_distribution(parts, configs | extra, release)],
+        records=[
+            *(_rows(parts, *each) for each in configs.items()),
+            *(_labyrinths(parts, name) for name in configs),
+            *(_rows(parts, *each) for each in extra.items()),
+        ],
+    )
     return json.dumps(content, indent=2, ensure_ascii=False) + "\n"
 
 
-def _distribution(manifests: Mapping[str, Manifest], release: Release) -> list[dict[str, Any]]:
-    """Return the repository and the files of configs, given the manifest of each."""
-    parts: list[dict[str, Any]] = []
-    within: dict[str, Any] = {}  # Empty for files beside croissant.json.
+def _filled(part: Any, **fields: Any) -> Any:
+    """Return a part of the template with its fields filled in; what is None is left out."""
+    if isinstance(part, dict):
+        filled = {name: _filled(value, **fields) for name, value in part.items()}
+        return {name: value for name, value in filled.items() if value is not None}
+    if isinstance(part, list):
+        return [each for value in part if (each := _filled(value, **fields)) is not None]
+    if isinstance(part, str) and part[:1] == "$" and part[1:] in fields:
+        return fields[part[1:]]  # It may be of any type.
+    return Template(part).substitute(fields) if isinstance(part, str) else part
+
+
+def _software(manifest: Manifest) -> str:
+    version = manifest.versions.get("labyrinth-datasets", "")
+    return f"{manifest.config.name}, labyrinth-datasets {version}".strip()
+
+
+def _distribution(
+    parts: Mapping[str, Any],
+    configs: Mapping[str, _Config],
+    release: Release,
+) -> Iterator[dict[str, Any]]:
+    """Yield the repository and the files of configs."""
+    within = None  # For files beside croissant.json.
     if release.repo_id:
-        within = {"containedIn": {"@id": REPOSITORY}}
-        repository = {
-            "description": "The repository of the dataset on the Hugging Face Hub.",
-            "contentUrl": release.url,
-            "encodingFormat": "git+https",
-            # A repository has no hash of its own: https://github.com/mlcommons/croissant/issues/80
-            "sha256": "https://github.com/mlcommons/croissant/issues/80",
-        }
-        parts.append(_part("cr:FileObject", REPOSITORY, **repository))
-    form = {"encodingFormat": "application/x-parquet"}
-    for name, manifest in manifests.items():
-        description = f"The Parquet files of {name}."
+        within = {"@id": REPOSITORY}
+        yield _filled(parts["repository"], repository=REPOSITORY, url=release.url)
+    for name, (manifest, *_) in configs.items():
         splits = dict.fromkeys(shard.split for shard in manifest.shards)
-        includes = [front_matter.shard_pattern(manifest, split, name) for split in splits]
-        files_of = f"files-of-{name}"
-        values = {"description": description, **within, **form, "includes": includes}
-        parts.append(_part("cr:FileSet", files_of, **values))
+        patterns = [front_matter.shard_pattern(manifest, split, name) for split in splits]
+        yield _filled(parts["files"], config=name, patterns=patterns, within=within)
         files = {shard.path: (shard.bytes, shard.sha256) for shard in manifest.shards}
         if manifest.labyrinths is not None:
             files[TABLE] = (manifest.labyrinths.bytes, manifest.labyrinths.sha256)
         for file, (size, digest) in files.items():
             path = f"{name}/{file}"
-            place = {**within, "contentUrl": path, "contentSize": f"{size} B"}
-            parts.append(_part("cr:FileObject", path, **place, **form, sha256=digest))
-    return parts
+            yield _filled(parts["file"], path=path, size=size, sha256=digest, within=within)
 
 
-def _part(kind: str, name: str, **values: Any) -> dict[str, Any]:
-    return {"@type": kind, "@id": name, "name": name, **values}
+def _rows(parts: Mapping[str, Any], name: str, config: _Config) -> Any:
+    """Return the record set of a config with splits."""
+    meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in config.splits)
+    files = {"file_set": {"@id": f"files-of-{name}"}, "file_object": None}
+    fields = [
+        _filled(parts["split"], config=name, meanings=meanings),
+        *(_field(parts, name, column, **files) for column in config.columns),
+    ]
+    return _filled(parts["rows"], config=name, row=config.row, fields=fields)
 
 
-def _split_records(
-    config: str, columns: Sequence[Column], splits: Sequence[str], row: str
-) -> dict[str, Any]:
-    """Return the record set of a config with splits.
-
-    Args:
-        config: The name of the config.
-        columns: The columns of the config.
-        splits: The splits of the config.
-        row: What a row stands for.
-    """
-    meanings = ", ".join(f"{split} ({SPLITS[split].meaning})" for split in splits)
-    of_split = {
-        "extract": {"fileProperty": "fullpath"},
-        "transform": {"regex": rf"^.*?{config}/(\w+?)-\d+-of-\d+\.parquet$"},
-    }
-    meaning = f"the split that the row is in: {meanings}"
-    files = {"fileSet": {"@id": f"files-of-{config}"}}
-    split = _field(config, "split", meaning, ["sc:Text", "cr:Split"], files | of_split)
-    fields = [split, *_fields(config, columns, files)]
-    description = f"The rows of the config {config}, one for each {row}."
-    return _part("cr:RecordSet", config, description=description, field=fields)
+def _labyrinths(parts: Mapping[str, Any], parent: str) -> Any:
+    """Return the record set of the table of labyrinths of a config."""
+    config, file = table_config(parent), {"@id": f"{parent}/{TABLE}"}
+    files = {"file_set": None, "file_object": file}
+    fields = [_field(parts, config, column, **files) for column in TABLE_COLUMNS]
+    return _filled(parts["labyrinths"], config=config, parent=parent, fields=fields)
 
 
-def _table_records(config: str) -> dict[str, Any]:
-    name, file = table_config(config), {"fileObject": {"@id": f"{config}/{TABLE}"}}
-    description = f"The labyrinths of all splits of {config}, one in each row."
-    fields = list(_fields(name, TABLE_COLUMNS, file))
-    return _part("cr:RecordSet", name, description=description, field=fields)
-
-
-def _fields(
-    config: str, columns: Sequence[Column], files: dict[str, Any]
-) -> Iterator[dict[str, Any]]:
-    """Yield the field of each column of Parquet files."""
-    for column in columns:
-        feature, lists = column.feature, {}
-        if feature["_type"] == "List":
-            feature, lists = feature["feature"], {"isArray": True, "arrayShape": "-1"}
-        source: dict[str, Any] = files | {"extract": {"column": column.name}}
-        if feature["_type"] == "Image":
-            source["transform"] = {"jsonPath": "bytes"}
-        kind = _DATA_TYPES[feature.get("dtype", feature["_type"])]
-        yield _field(config, column.name, column.meaning, kind, source) | lists
-
-
-def _field(
-    config: str, name: str, description: str, kind: str | list[str], source: dict[str, Any]
-) -> dict[str, Any]:
-    return {
-        "@type": "cr:Field",
-        "@id": f"{config}/{name}",
-        "name": name,
-        "description": f"{description[0].upper()}{description[1:]}.",
-        "dataType": kind,
-        "source": source,
-    }
+def _field(parts: Mapping[str, Any], config: str, column: Column, **files: Any) -> Any:
+    """Return the field of a column of Parquet files."""
+    feature = column.feature
+    is_list = feature["_type"] == "List"
+    feature = feature["feature"] if is_list else feature
+    return _filled(
+        parts["field"],
+        config=config,
+        name=column.name,
+        meaning=f"{column.meaning[0].upper()}{column.meaning[1:]}",
+        type=_DATA_TYPES[feature.get("dtype", feature["_type"])],
+        transform={"jsonPath": "bytes"} if feature["_type"] == "Image" else None,
+        is_array=True if is_list else None,
+        array_shape="-1" if is_list else None,
+        **files,
+    )

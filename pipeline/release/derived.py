@@ -17,15 +17,12 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
-from pipeline.config.errors import check, listed
-from pipeline.config.export import RECORD, VERSION
-from pipeline.config.options import source_of
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.export import ExportOptions
+from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import Sums
-from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.markdown import table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
@@ -45,7 +42,7 @@ def loading(job: Job[PublishStageOptions]) -> str:
         return f'LeRobotDataset("{name}")'
     owner, _, group = name.partition("/")
     split = (*options.export.splits, *job.dataset.splits)[0]
-    id_ = f"{group}/{job.dataset.name}/{split}-v{VERSION}"
+    id_ = f"{group}/{job.dataset.name}/{split}-v{ExportOptions.VERSION}"
     return f"MINARI_REMOTE=hf://{owner} minari download {id_}"
 
 
@@ -64,28 +61,27 @@ def stage_export(job: Job[PublishStageOptions], folder: Path, *, is_unseen: bool
     """
     asked, (commit, manifest) = job.options.export, _origin(job, is_unseen)
     splits = tuple(dict.fromkeys(asked.splits)) or manifest.config.splits
-    unknown = [name for name in splits if name not in manifest.config.splits]
-    allowed = listed(manifest.config.splits)
-    check(not unknown, f"export.splits={listed(asked.splits)}: choose from {allowed}")
+    asked.check_splits(manifest.config.splits)
     if asked.format == "lerobot":
         records = {split: _linked(job, manifest, split, folder) for split in splits}
     else:
         group = folder / job.dataset.name
         records = {
-            split: _linked(job, manifest, split, group / f"{split}-v{VERSION}") for split in splits
+            split: _linked(job, manifest, split, group / f"{split}-v{asked.VERSION}")
+            for split in splits
         }
         _group(folder, job, splits)
-    write_text(folder / "README.md", _card(job, manifest, records, commit))
+    File(folder / "README.md").write_text(_card(job, manifest, records, commit))
 
 
 def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None, Manifest]:
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
     given = job.options.dataset is not None
     if job.options.publish.repo_id or (
-        given and local_folder(source_of(job), job.dataset.name, None) is None
+        given and local_folder(job.source, job.dataset.name, None) is None
     ):
         return published_dataset(job, is_unseen=is_unseen)
-    return None, dataset_of(job).manifest
+    return None, job.open_dataset().manifest
 
 
 def _linked(
@@ -97,19 +93,21 @@ def _linked(
         DatasetError: The export is missing, damaged, or of another dataset or options.
     """
     source, size = (
-        job.options.export.path(job.dataset.name) / f"{split}-v{VERSION}",
+        job.options.export.path(job.dataset.name) / f"{split}-v{ExportOptions.VERSION}",
         job.options.export.image_size,
     )
     own = Sums.read(source)
     if not own.hashes or not all(own.has(name) for name, _ in own.hashes):
         raise DatasetError(f"{source} holds no complete export: stages=export makes it")
-    record: dict[str, Any] = json.loads((source / RECORD).read_bytes())
+    record: dict[str, Any] = json.loads((source / ExportOptions.RECORD).read_bytes())
     if (record["fingerprint"], record["image_size"]) != (manifest.fingerprint, size):
         raise DatasetError(
             f"{source} is an export of another dataset, or with other options: stages=export "
             "overwrite=true replaces it"
         )
-    for name in {name for name, _ in own.hashes} - {CONFIG}:  # It names folders of this machine.
+    for name in {name for name, _ in own.hashes} - {
+        job.CONFIG
+    }:  # It names folders of this machine.
         (place / name).parent.mkdir(parents=True, exist_ok=True)
         (place / name).symlink_to((source / name).absolute())
     return record
@@ -118,16 +116,16 @@ def _linked(
 def _group(folder: Path, job: Job[PublishStageOptions], splits: Sequence[str]) -> None:
     """Make the exports in a folder a Minari group: write its metadata and the datasets' ids."""
     group = job.options.publish.export.rpartition("/")[2]
-    names = [f"{job.dataset.name}/{split}-v{VERSION}" for split in splits]
+    names = [f"{job.dataset.name}/{split}-v{ExportOptions.VERSION}" for split in splits]
     ids = [f"{group}/{name}" for name in names]
     for id_, name in zip(ids, names, strict=True):
         path = folder / name / "data" / "metadata.json"
         content = json.loads(path.read_bytes()) | {"dataset_id": id_}
         path.unlink()  # The link, not its target.
-        write_text(path, json.dumps(content))
+        File(path).write_text(json.dumps(content))
     held = {"datasets": ids, "namespaces": [f"{group}/{job.dataset.name}"]}
-    write_text(folder / NAMESPACE_METADATA, json.dumps(held, indent=1) + "\n")
-    write_text(folder / job.dataset.name / NAMESPACE_METADATA, "{}\n")
+    File(folder / NAMESPACE_METADATA).write_text(json.dumps(held, indent=1) + "\n")
+    File(folder / job.dataset.name / NAMESPACE_METADATA).write_text("{}\n")
 
 
 def _card(
@@ -145,7 +143,7 @@ def _card(
         (f"`{split}`", SPLITS[split].meaning, f"{each['episodes']:,}", f"{each['rows']:,}")
         for split, each in records.items()
     ]
-    id_ = f"{group}/{job.dataset.name}/{split}-v{VERSION}"
+    id_ = f"{group}/{job.dataset.name}/{split}-v{ExportOptions.VERSION}"
     text = fill(
         "export.md",
         library=LIBRARIES[format_],
@@ -206,7 +204,7 @@ def stage_environment(
     splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
     # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
-    write_text(folder / "env.py", fill("env.txt", **values, commit=repr(commit)))
+    File(folder / "env.py").write_text(fill("env.txt", **values, commit=repr(commit)))
     card = fill(
         "environment.md",
         name=job.options.publish.env,
@@ -217,4 +215,4 @@ def stage_environment(
         code=code(),
         citation=citation(),
     )
-    write_text(folder / "README.md", card)
+    File(folder / "README.md").write_text(card)

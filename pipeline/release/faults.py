@@ -28,7 +28,7 @@ def is_unseen(api: HfApi, repo_id: str) -> bool:
         if not reason:
             hub.repeated(lambda: api.repo_exists(repo_id))
     except (*hub.UNAVAILABLE, NO_TOKEN) as error:
-        if not isinstance(error, hub.NotAHubError) and hub.status_of(error) is None:
+        if not isinstance(error, hub.WrongAnswerError) and hub.status_of(error) is None:
             reason = f"{constants.ENDPOINT} does not answer: {one_line(error)}"
     if reason:
         say(
@@ -50,7 +50,7 @@ def explained(repo_id: str) -> Iterator[None]:
     except DatasetError:
         raise
     except Exception as error:
-        if not isinstance(error, (hub.NotAHubError, NO_TOKEN)) and not hub.is_of_client(error):
+        if not isinstance(error, (hub.WrongAnswerError, NO_TOKEN)) and not hub.is_of_client(error):
             raise
         raise PublishError(_explanation(error, repo_id)) from error
 
@@ -66,10 +66,8 @@ def _explanation(error: Exception, repo_id: str) -> str:
         return hub.reason_of(error)
     if status is not None:
         return reasons(repo_id).get(status, hub.reason_of(error))
-    if isinstance(error, hub.NotAHubError):
-        return one_line(error)
-    if hub.is_not_of_a_hub(error):
-        return f"what answers at {constants.ENDPOINT} is not a Hub: {one_line(error):.200}"
+    if isinstance(error, hub.WrongAnswerError):
+        return hub.reason_of(error)
     if isinstance(error, ValueError):
         return f"the Hub's client refuses: {one_line(error)}"
     return f"{constants.ENDPOINT} does not answer as it should: {hub.reason_of(error)}"

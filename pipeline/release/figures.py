@@ -15,8 +15,10 @@ from PIL import Image, ImageDraw, ImageFont
 
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
-from labyrinth_core.world.dynamics import State, replay
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.dynamics import replay
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world.structure import Structure
 from pipeline.inspection.counts import EXAMPLES, SplitCounts
 from pipeline.machinery.markdown import count
 

@@ -11,19 +11,18 @@ from typing import Any
 from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import file_sha256, read_json, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
-from labyrinth_core.evaluation.schema import check_shape
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.record import Record, read_run, trained_run
 from labyrinth_core.policies.spec import (
     CONFIG,
-    POLICY,
     RECORD,
     WEIGHTS,
     MapperSpec,
@@ -31,7 +30,6 @@ from labyrinth_core.policies.spec import (
     PolicySpec,
 )
 from pipeline.config.stage import Job
-from pipeline.config.training import run_name, training_folder
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
 from pipeline.release.faults import PublishError
@@ -96,27 +94,34 @@ def stage_policy(
         DatasetError: The run has no evaluated policy, or the policy does not load.
         PublishError: The policy was trained on another dataset than the one on the Hub.
     """
-    source = training_folder(job)
-    results, made = _results(job, commit, manifest)
-    _copy_weights(source, folder, made)
+    source = job.options.run_folder(job.dataset)
+    results, made, record = _results(job, commit, manifest)
     policy = load_policy(source)
-    write_text(folder / CONFIG, json.dumps(policy.spec.to_json(), indent=1) + "\n")
+    if File(source / WEIGHTS).sha256() != made.evaluated["weights"]:
+        again = "stages=evaluate makes it again"
+        raise DatasetError(f"{source / RESULTS} is for other weights than {WEIGHTS}: {again}")
+    for name in (WEIGHTS, CONFIG):
+        shutil.copyfile(source / name, folder / name)
+    repo_id, _ = job.options.dataset_on_hub  # The run names a folder of its own machine.
+    run = {**record["run"], "dataset": repo_id, "revision": commit}
+    File(folder / RECORD).write_text(json.dumps({**record, "run": run}, indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
-    write_text(folder / "README.md", _card(trained))
+    File(folder / "README.md").write_text(_card(trained))
 
 
 def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
-) -> tuple[Results, TrainedRun]:
-    """Return the results in the folder of a run, and their description of the run."""
-    folder = training_folder(job)
+) -> tuple[Results, TrainedRun, Record]:
+    """Return the results in the folder of a run, their description of the run, and its record."""
+    folder = job.options.run_folder(job.dataset)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
     results = Results.load(path)
-    made_by, named = results.run, (job.dataset.name, run_name(job).name, results.fingerprint)
+    named = job.dataset.name, job.options.run_name(job.dataset).name, results.fingerprint
+    made_by = results.run
     if made_by is None or (results.config, made_by.name, made_by.fingerprint) != named:
         raise DatasetError(f"{path} belongs to another run: {anew}")
     if manifest.fingerprint != made_by.fingerprint:
@@ -125,15 +130,13 @@ def _results(
             f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
     results = Results.load(path, lambda _: _known(job, commit, manifest))
-    try:
-        record = read_json(folder / RECORD)
-        check_shape(record, {"run": {"settings": None}, **dict.fromkeys(made_by.training)})
-    except (OSError, ValueError, RecursionError) as error:
-        raise DatasetError(f"{folder / RECORD} cannot be read: {one_line(error):.300}") from error
-    training = {name: record[name] for name in made_by.training}
-    if (training, record["run"]["settings"]) != (made_by.training, made_by.settings):
+    record = read_run(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    there = trained_run(record)
+    if (there.training, there.settings) != (made_by.training, made_by.settings):
         raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
-    return results, made_by
+    return results, made_by, record
 
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
@@ -141,17 +144,6 @@ def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> Kn
     if (job.folder / MANIFEST).is_file() and (local := Dataset.at(job.folder)).manifest == manifest:
         return KnownDataset(local)
     return KnownDataset(Dataset(job.options.dataset_on_hub[0], job.dataset.name, commit))
-
-
-def _copy_weights(source: Path, folder: Path, made: TrainedRun) -> None:
-    try:
-        shutil.copyfile(source / POLICY, folder / WEIGHTS)
-    except FileNotFoundError as error:
-        raise DatasetError(f"{source / POLICY} is not there: stages=train makes it") from error
-    if file_sha256(folder / WEIGHTS) != made.evaluated["weights"]:
-        raise DatasetError(
-            f"{source / RESULTS} is for other weights than {POLICY}: stages=evaluate makes it again"
-        )
 
 
 def _front_matter(trained: Trained) -> dict[str, Any]:
@@ -300,7 +292,7 @@ def _limits(trained: Trained) -> list[str]:
     limits = [paragraph(f"policy_{name}") for name in names]
     receipt = trained.results.memorised
     if receipt is not None:
-        figures = {"excess": f"{receipt.excess:+.2f}", "most": f"{receipt.most:.1f}"}
+        figures = {"excess": f"{receipt.excess:+z.2f}", "most": f"{receipt.most:.1f}"}
         figures |= {"p": f"{receipt.p:.3f}", "drawn": f"{receipt.drawn:,}"}
         limits.append(paragraph("policy_memorised", **figures))
     return limits

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any
 
 from labyrinth_core.data.storage import RemotePath
 from labyrinth_core.policies.spec import ENCODERS, OWN
-from pipeline.config.errors import check, listed
-from pipeline.config.export import RELEASED, ExportOptions
-from pipeline.config.option import check_options, option
-from pipeline.config.options import WorkOptions
+from pipeline.config.errors import check
+from pipeline.config.export import ExportOptions
+from pipeline.config.option import option
+from pipeline.config.options import SourceOptions, WorkOptions
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import TrainingOptions
 
 LOOK = "stages=report", "look at it in a browser"
 LEARN = "stages=train,evaluate method=bc", "train a policy on it"
@@ -49,7 +49,7 @@ class PublishOptions:
     version: str = option(
         "",
         "tag of the release, such as 1.0.0",
-        like=(r"(0|[1-9]\d*)(\.(0|[1-9]\d*)){2}", "three numbers, such as 1.0.0"),
+        like=(r"((0|[1-9]\d*)(\.(0|[1-9]\d*)){2})?", "three numbers, such as 1.0.0"),
     )
     dry_run: bool = option(False, "only print what would be added, kept and deleted")
     private: bool = option(False, "make the repository private if it is created")
@@ -60,7 +60,8 @@ class PublishStageOptions(TrainingOptions, WorkOptions):
     """What is published, and the run and the export that are meant."""
 
     publish: PublishOptions = field(default_factory=PublishOptions)
-    export: ExportOptions = field(default_factory=ExportOptions)
+    # Its format is needed only with publish.export.
+    export: ExportOptions = field(default_factory=ExportOptions, metadata={"is_checked": False})
 
     @property
     def dataset_on_hub(self) -> tuple[str, str | None]:
@@ -79,14 +80,14 @@ def _check_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> None
     options, publish = job.options, job.options.publish
     _ = job.local_dir  # Raises a ConfigError if the folder is in an object store.
     if publish.model:
-        check_training(options)
+        options.check_training()
     of_dataset = bool(publish.model or publish.env)
     check(
         of_dataset or bool(publish.repo_id or publish.export),
         "publish.repo_id=: give the id of the dataset on the Hub, such as user/labyrinth; or "
         "publish.model, publish.export or publish.env",
     )
-    check_options(publish, PublishOptions, "publish.")
+    check(publish.version != "", "publish.version=: give three numbers, such as 1.0.0")
     if publish.export:
         _check_released(options.export)
     check(
@@ -107,15 +108,15 @@ def _check_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> None
 
 def _check_released(export: ExportOptions) -> None:
     """Raise a ConfigError if an export cannot be published."""
-    check_options(export, ExportOptions, "export.")
+    export.check()
     check(
-        export.format in RELEASED,
-        f"export.format={export.format}: publish.export releases {' and '.join(RELEASED)}, whose "
-        "libraries read the Hub",
+        export.format in export.RELEASED,
+        f"export.format={export.format}: publish.export releases {' and '.join(export.RELEASED)}, "
+        "whose libraries read the Hub",
     )
     check(
         export.format != "lerobot" or len(export.splits) == 1,
-        f"export.splits={listed(export.splits)}: a repository holds one LeRobot dataset, so "
+        f"export.splits=[{', '.join(export.splits)}]: a repository holds one LeRobot dataset, so "
         "publish.export releases one split; give it, such as 'export.splits=[train]'",
     )
 
@@ -136,6 +137,21 @@ def _after_card(job: Job[WorkOptions], stages: Sequence[str]) -> tuple[str, ...]
     return LEARN if isinstance(job.data_dir, RemotePath) else LOOK
 
 
+def _idle(options: Any) -> dict[str, str]:
+    """Return the options of a run and of an export, if neither is published."""
+    publish = options.publish
+    idle: dict[str, str] = {}
+    of_dataset = {each.name for each in fields(SourceOptions)}
+    if not publish.model:
+        of_run = {each.name for each in fields(TrainingOptions)} - of_dataset
+        idle |= dict.fromkeys(of_run, "with publish.model")
+    if not publish.export:
+        idle["export"] = "with publish.export"
+    if not (publish.model or publish.export or publish.env):
+        idle |= dict.fromkeys(of_dataset, "with publish.model, publish.export or publish.env")
+    return idle
+
+
 STAGES = {
     "card": Stage("pipeline.release.card", WorkOptions, _check_card, next_step=_after_card),
     "publish": Stage(
@@ -144,5 +160,6 @@ STAGES = {
         _check_publish,
         headings={"Publishing, by stages=publish": PublishStageOptions},
         next_step=_after_publish,
+        idle=_idle,
     ),
 }

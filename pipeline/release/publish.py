@@ -19,7 +19,7 @@ from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core.data import hub
-from pipeline.config.export import CODEBASE_VERSION
+from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import HASHES, Sums
@@ -184,8 +184,9 @@ def _follow(repository: Repository, version: str) -> None:
     """Move the tag that LeRobot reads to the newest release."""
     versions = repository.versions()
     if version == max(versions, key=number):
-        repository.move_tag(CODEBASE_VERSION, versions[version])
-        say(f"tagged {CODEBASE_VERSION}, as the newest release, at {versions[version][:12]}.")
+        tag, commit = ExportOptions.CODEBASE_VERSION, versions[version]
+        repository.move_tag(tag, commit)
+        say(f"tagged {tag}, as the newest release, at {commit[:12]}.")
 
 
 def _left_out(folder: Path, files: Files) -> Iterator[str]:

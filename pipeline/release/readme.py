@@ -4,18 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import yaml
+
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import ANALYSIS, TABLE
 from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.dynamics import Action
+from labyrinth_core.world.rules import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.machinery.markdown import count, meanings, plain, table, verbatim
 from pipeline.release.figures import BANNER, FIGURES, picture_path
-from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph
+from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph, read
+
+MOST_WORK = 2_000_000
+"""The most labyrinths of test times their squared cells for which random steps are computed: the
+time is proportional to it, some seconds. It is 200 labyrinths of 10 x 10 cells."""
 
 
 def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
@@ -44,7 +51,9 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         revision=f', revision="{release.version}"' if release.version else "",
         shard=shown.manifest.of("train")[0].path,
         columns=meanings(COLUMNS),
-        splits=table(("split", "holds"), ((f"`{s}`", SPLITS[s].meaning) for s in splits), "ll"),
+        baselines=_baselines(datasets),
+        varied=f" {paragraph('held_varied', varied=varied)}" if varied else "",
+        splits=_splits(splits),
         counts=_rows(datasets, splits),
         labyrinth_table=_labyrinth_table(datasets, default, release),
         companions=_companions(datasets, release),
@@ -63,6 +72,30 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         else f"{verbatim(release.licence)}, as the head of this file says.",
         citation=citation(),
     )
+
+
+def _splits(names: Sequence[str]) -> str:
+    """Return the table of splits: what each holds, what is shifted, and what is held."""
+    compared = yaml.safe_load(read("splits.yaml"))
+    rows = ((f"`{name}`", SPLITS[name].meaning, *compared[name]) for name in names)
+    return table(("split", "holds", "shifted", "held"), rows, "llll")
+
+
+def _baselines(datasets: Sequence[DatasetStatistics]) -> str:
+    """Return what route memory and random steps solve of test, without the largest datasets."""
+    solved = []
+    for dataset in datasets:
+        size = dataset.manifest.config.height * dataset.manifest.config.width
+        if dataset.splits["test"].labyrinths * size**2 <= MOST_WORK:
+            known = KnownDataset(dataset.data).split("test").baselines
+            figures = {
+                "memory": known["route_memory"]["sr"],
+                "random": known["random"]["sr"],
+                "spl": known["random"]["spl"],
+            }
+            shares = {name: f"{share:.0%}" for name, share in figures.items()}
+            solved.append(paragraph("baselines_of", config=dataset.name, **shares))
+    return f"{paragraph('baselines', solved='; '.join(solved))}\n" if solved else ""
 
 
 def _rows(datasets: Sequence[DatasetStatistics], splits: Sequence[str]) -> str:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-import time
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
@@ -26,11 +25,15 @@ from huggingface_hub import (
     constants,
     get_token,
 )
-from huggingface_hub.errors import HfHubHTTPError, RevisionNotFoundError
+from huggingface_hub.errors import (  # type: ignore[attr-defined]
+    HfHubHTTPError,
+    HTTPError,
+    RevisionNotFoundError,
+)
 from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.errors import MALFORMED, DatasetError
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say, tracked
 from pipeline.release.faults import PublishError, reasons
@@ -146,6 +149,12 @@ class Repository:
         call = getattr(self.api, method)
         return hub.repeated(lambda: call(self.repo_id, repo_type=self.repo_type, **options))
 
+    def _required(self, commit: Any) -> str:
+        """Return a commit that the Hub names; raise WrongAnswerError if it has another form."""
+        if isinstance(commit, str) and hub.COMMIT.fullmatch(commit):
+            return commit
+        raise hub.WrongAnswerError(f"{self.repo_id}: the Hub calls a commit {commit!r:.60}")
+
     def exists(self) -> bool:
         """Return whether the repository exists.
 
@@ -191,16 +200,25 @@ class Repository:
             info: Any = self.api.repo_info(
                 self.repo_id, repo_type=self.repo_type, revision=revision
             )
-            if not hub.COMMIT.fullmatch(info.sha or "") or info.siblings is None:
-                raise hub.NotAHubError(f"the Hub names no commit or files of {self.repo_id}")
+            sha = self._required(info.sha)
+            if info.siblings is None or (hub.COMMIT.fullmatch(revision) and sha != revision):
+                raise hub.WrongAnswerError(f"{self.repo_id}: the Hub does not describe {revision}")
             entries = self.api.list_repo_tree(
-                self.repo_id, repo_type=self.repo_type, revision=info.sha, recursive=True
+                self.repo_id, repo_type=self.repo_type, revision=sha, recursive=True
             )
-            files = [entry for entry in entries if isinstance(entry, RepoFile)]
-            tree = {e.path: e.lfs.sha256 if e.lfs else e.blob_id for e in files}
+            tree: dict[str, str] = {}
+            seen = set()
+            for entry in entries:
+                if entry.path in seen:  # As if the first page came after the last.
+                    raise hub.WrongAnswerError(f"{self.repo_id}: the Hub lists {entry.path} twice")
+                seen.add(entry.path)
+                if isinstance(entry, RepoFile):
+                    tree[entry.path] = entry.lfs.sha256 if entry.lfs else entry.blob_id
             if {each.rfilename for each in info.siblings} - tree.keys():
-                raise hub.NotAHubError(f"the Hub lists other files of {self.repo_id} than it names")
-            return str(info.sha), tree
+                raise hub.WrongAnswerError(
+                    f"the Hub lists other files of {self.repo_id} than it names"
+                )
+            return sha, tree
 
         return hub.repeated(asked)
 
@@ -256,8 +274,12 @@ class Repository:
 
     def tags(self) -> dict[str, str]:
         """Return the commit that each tag points to."""
-        tags = self._call("list_repo_refs").tags
-        return {str(each.name): str(each.target_commit) for each in tags}
+
+        def asked() -> dict[str, str]:
+            refs = self.api.list_repo_refs(self.repo_id, repo_type=self.repo_type)
+            return {str(tag.name): self._required(tag.target_commit) for tag in refs.tags}
+
+        return hub.repeated(asked)
 
     def versions(self) -> dict[str, str]:
         """Return the commit of each tag that is a version, such as 1.0.0."""
@@ -299,36 +321,34 @@ class Repository:
         # One by one, so that a run after an interruption does not send a file again.
         additions = list(tracked(starmap(self._uploaded, given), "upload", total=plan.bytes))
         deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
-        for seconds in (*hub.WAITS, None):
+
+        def committed() -> str:
             try:
-                return str(
-                    self.api.create_commit(
-                        self.repo_id,
-                        [*additions, *deletions],
-                        commit_message=title,
-                        repo_type=self.repo_type,
-                        parent_commit=parent,
-                    ).oid
+                made = self.api.create_commit(
+                    self.repo_id,
+                    [*additions, *deletions],
+                    commit_message=title,
+                    repo_type=self.repo_type,
+                    parent_commit=parent,
                 )
-            except Exception as error:
-                wait = hub.seconds_to_wait(error)
+                return self._required(made.oid)
+            except (*hub.UNAVAILABLE, *MALFORMED) as error:
                 is_refused = hub.status_of(error) == 412
-                if wait is None and not is_refused:
+                if hub.seconds_to_wait(error) is None and not is_refused:
                     raise
                 head, found = self.landed(title, plan, parent)
                 if found:
                     return found
                 if head != parent:
                     raise PublishError(reasons(self.repo_id)[412]) from error
-                if seconds is None and is_refused:
-                    raise PublishError(
+                if is_refused:
+                    raise hub.WrongAnswerError(
                         f"{self.repo_id}: the Hub does not say whether the release was committed: "
                         "publish again, which finds it or completes it"
                     ) from error
-                if seconds is None:
-                    raise
-            time.sleep(max(seconds, wait or 0.0))
-        raise AssertionError
+                raise
+
+        return hub.repeated(committed)
 
     def _uploaded(self, path: str, file: File) -> tuple[int, CommitOperationAdd]:
         """Upload a file that is listed, unless the commit itself will hold it."""
@@ -356,20 +376,16 @@ class Repository:
 
     def require(self, plan: Plan, commit: str) -> None:
         """Raise PublishError if a commit has other files than were planned."""
-        why = ""
-        for seconds in (0.0, *hub.WAITS):
-            time.sleep(seconds)
-            try:
-                wrong = plan.missed_by(self.head(commit)[1])
-            except hub.UNAVAILABLE as error:
-                if not hub.is_of_client(error) and not isinstance(error, hub.NotAHubError):
-                    raise
-                why = hub.reason_of(error)
-                break  # It was asked several times.
-            if not wrong:
-                return
-            why = f"{wrong[0]} is not the one that was published"
-        raise PublishError(f"the verification of {commit[:12]} failed, so it is not tagged: {why}")
+
+        def compared() -> None:
+            if wrong := plan.missed_by(self.head(commit)[1]):
+                raise hub.WrongAnswerError(f"{wrong[0]} is not the one that was published")
+
+        try:
+            hub.repeated(compared)
+        except (hub.WrongAnswerError, HTTPError) as error:
+            why = f"the verification of {commit[:12]} failed, so it is not tagged"
+            raise PublishError(f"{why}: {hub.reason_of(error)}") from error
 
     def tag(self, tag: str, commit: str) -> None:
         """Create a tag at a commit, unless it is there already.
@@ -384,20 +400,19 @@ class Repository:
                 # It exists: our first answer was lost, or another user created it.
                 if hub.status_of(error) != 409:
                     raise
-        tagged = None
-        for seconds in (0.0, *hub.WAITS):
-            time.sleep(seconds)
-            tagged = self.tags().get(tag)
-            if tagged == commit:
-                return
-            if tagged is not None:
-                raise PublishError(
-                    f"the tag {tag} of {self.repo_id} points to {tagged[:12]}, not to the release "
-                    f"at {commit[:12]}: choose another publish.version"
+
+        def tagged() -> str:
+            if tag not in (tags := self.tags()):
+                raise hub.WrongAnswerError(
+                    f"{self.repo_id}: the Hub does not list the tag {tag} yet: publish again"
                 )
-        raise PublishError(
-            f"{self.repo_id}: the Hub does not list the tag {tag} yet: publish again"
-        )
+            return tags[tag]
+
+        if (found := hub.repeated(tagged)) != commit:
+            raise PublishError(
+                f"the tag {tag} of {self.repo_id} points to {found[:12]}, not to the release "
+                f"at {commit[:12]}: choose another publish.version"
+            )
 
     def move_tag(self, tag: str, commit: str) -> None:
         """Move the tag of the newest release to a commit.

@@ -12,9 +12,11 @@ import re
 import subprocess
 import sys
 import tempfile
+import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,7 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import open_shard
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
@@ -42,9 +44,6 @@ PATIENCE = 180.0
 
 The clients themselves retry failing calls, such as those without an answer, for many minutes.
 """
-REFRESH = 0.5
-"""Seconds between two updates of the progress bar."""
-
 ROWS_COMPARED = 500
 """The maximum number of rows compared per split, about two row groups of a shard."""
 
@@ -63,31 +62,50 @@ def loaded(
     has_datasets = repo_type == "dataset" and bool(front_matter.finished(folder))
     if not has_datasets and not (folder / WEIGHTS).exists():
         return ""
-    failed = f"the verification of {commit[:12]} failed, so it is not tagged"
     command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
-    command += [str(folder.resolve())]
-    with _scratch() as place:
-        output, home = place / "output.txt", place / "home"
-        with (
-            output.open("w") as file,
-            subprocess.Popen(
-                command,
-                env=_environment(home),
-                cwd=Path(__file__).parents[2],
-                stdout=file,
-                stderr=subprocess.STDOUT,
-            ) as process,
-        ):
-            try:
-                _watch(process, output, patience)
-            except TimeoutError as error:
-                raise PublishError(f"{failed}: {error}") from error
-            finally:
-                process.kill()
-        said = _last_line(output)
+    said, since = "", time.monotonic()
+    with (
+        _scratch() as home,
+        progress() as bars,
+        subprocess.Popen(
+            [*command, str(folder.resolve())],
+            env=_environment(home),
+            cwd=Path(__file__).parents[2],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            encoding="utf-8",
+            errors="replace",
+        ) as process,
+    ):
+        bar = bars.add_task("verify", total=None)
+        assert process.stdout is not None
+        try:
+            watchdog = _watchdog(process, patience)
+            for line in process.stdout:
+                watchdog.cancel()
+                watchdog = _watchdog(process, patience)
+                said, since = line.strip() or said, time.monotonic()
+                bars.update(bar, description=f"verify {said}")
+            process.wait()
+        finally:
+            watchdog.cancel()
+            process.kill()
+    if process.returncode and time.monotonic() > since + patience:
+        waiting = f"nothing came from the Hub in {patience:g} seconds"
+        said = f"{waiting}, waiting for {said or 'its first answer'}"
     if process.returncode:
-        raise PublishError(f"{failed}: {said or f'exit status {process.returncode}'}")
+        raise PublishError(
+            f"the verification of {commit[:12]} failed, so it is not tagged: "
+            f"{said or f'exit status {process.returncode}'}"
+        )
     return said
+
+
+def _watchdog(process: subprocess.Popen[str], seconds: float) -> threading.Timer:
+    """Kill a process after some seconds, unless the timer that is returned is cancelled."""
+    timer = threading.Timer(seconds, process.kill)
+    timer.start()
+    return timer
 
 
 @contextmanager
@@ -98,35 +116,13 @@ def _scratch() -> Iterator[Path]:
     """
     root = Path(tempfile.gettempdir())
     for lock in root.glob(f"{PREFIX}*.lock"):
-        with suppress(OSError), locked(lock, wait=False):
+        with suppress(OSError), LocalFile(lock).locked(wait=False):
             remove(lock.with_suffix(""))
-    with tempfile.TemporaryDirectory(prefix=PREFIX) as place, locked(Path(f"{place}.lock")):
+    with (
+        tempfile.TemporaryDirectory(prefix=PREFIX) as place,
+        LocalFile(Path(f"{place}.lock")).locked(),
+    ):
         yield Path(place)
-
-
-def _watch(process: subprocess.Popen[bytes], output: Path, patience: float) -> None:
-    """Show the current config or split until a verification ends.
-
-    Raises:
-        TimeoutError: Nothing has changed for `patience` seconds.
-    """
-    seen, since = "", time.monotonic()
-    with progress() as bars:
-        bar = bars.add_task("verify", total=None)
-        while process.poll() is None:
-            now = _last_line(output)
-            if now != seen:
-                seen, since = now, time.monotonic()
-            elif time.monotonic() > since + patience:
-                waiting = f"nothing came from the Hub in {patience:g} seconds"
-                raise TimeoutError(f"{waiting}, waiting for {now or 'its first answer'}")
-            bars.update(bar, description=f"verify {now}")
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(REFRESH)
-
-
-def _last_line(output: Path) -> str:
-    return output.read_text(errors="replace").strip().rpartition("\n")[2]
 
 
 def _environment(home: Path) -> dict[str, str]:
@@ -137,7 +133,7 @@ def _environment(home: Path) -> dict[str, str]:
 
 
 def _tell(what: str) -> None:
-    """Print a line, which `_watch` in the parent process shows."""
+    """Print a line, which the parent process shows."""
     print(what, flush=True)  # noqa: T201
 
 
@@ -150,29 +146,31 @@ def verify(source: str, commit: str | None, folder: Path) -> str:
         folder: The folder that was published.
 
     Raises:
-        DatasetError: The Hub returns something else than was published, or nothing.
+        DatasetError, WrongAnswerError: The Hub returns something else than was published, or
+            nothing.
     """
     if (folder / WEIGHTS).exists():
         load_policy(source, revision=commit)
         return "the policy loads"
-    from datasets.exceptions import DatasetsError
-
     described = front_matter.described(front_matter.finished(folder))
     configs = [*zip(described["configs"], described["dataset_info"], strict=True)]
     smallest = min(configs, key=lambda each: each[1]["download_size"])
     # All as a stream, of which little is downloaded, and one whole.
-    for streaming, (config, info) in [(False, smallest), *((True, each) for each in configs)]:
-        for seconds in (*hub.WAITS, None):
-            try:
-                check_config(source, commit, folder, config, info, streaming=streaming)
-                break
-            except (OSError, ValueError, HTTPError, DatasetsError) as error:
-                if seconds is None:
-                    reason = one_line(error.__cause__ or error)
-                    told = f"{config['config_name']} cannot be loaded: {reason}"
-                    raise DatasetError(told) from error
-                time.sleep(seconds)
+    for streaming, each in [(False, smallest), *((True, each) for each in configs)]:
+        load = partial(check_config, source, commit, folder, *each, streaming=streaming)
+        hub.repeated(partial(_patiently, load, each[0]["config_name"]))
     return "every config loads"
+
+
+def _patiently(load: Callable[[], None], name: str) -> None:
+    """Load a config; turn errors that may pass into one that is retried."""
+    from datasets.exceptions import DatasetsError
+
+    try:
+        load()
+    except (OSError, ValueError, HTTPError, DatasetsError) as error:
+        told = f"{name} cannot be loaded: {one_line(error.__cause__ or error)}"
+        raise hub.WrongAnswerError(told) from error
 
 
 def check_config(
@@ -236,8 +234,8 @@ def main() -> None:
     status = 0
     try:
         _tell(verify(repo_id, commit, Path(folder)))
-    except DatasetError as error:
-        _tell(str(error))
+    except (DatasetError, hub.WrongAnswerError) as error:
+        _tell(hub.reason_of(error))
         status = 1
     # Exit at once: pyarrow's threads may abort the interpreter when it ends after streaming
     # (https://github.com/apache/arrow/issues/45214), which would look like a failure.

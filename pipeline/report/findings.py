@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, by_labyrinth
-from pipeline.config.training import SUBMISSIONS
+from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.console import say
 
 MOST_FAILED = 2_000
@@ -99,7 +99,9 @@ def _submitted(
     results_dir: Path | None, others: Set[bytes], of: Callable[[str], KnownDataset | None]
 ) -> Iterator[Results]:
     """Yield the submitted results, without those that `stages=results` copied there."""
-    for path, reason in submissions_in(results_dir / SUBMISSIONS) if results_dir else ():
+    if results_dir is None:
+        return
+    for path, reason in submissions_in(results_dir / ResultsFolderOption.SUBMISSIONS):
         try:
             if reason:
                 raise DatasetError(f"{path}: {reason}")

@@ -47,7 +47,7 @@ class PackedSplit:
     def add(self, route: Route) -> None:
         """Add an episode; episodes must be grouped by labyrinth."""
         if route.is_first:
-            self._add_labyrinth(route.labyrinth, route.shortest)
+            self._add_labyrinth(route.labyrinth, route.solver.moves)
         self.numbers["episodes"][-1] += 1
         self.numbers["length"].append(len(route.actions))
         self.actions.extend(route.actions)

@@ -8,7 +8,6 @@ from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import check
-from pipeline.config.options import source_of
 from pipeline.config.stage import Job
 from pipeline.results.options import ResultsOptions
 
@@ -23,8 +22,8 @@ class Available:
     def __init__(self, job: Job[ResultsOptions]) -> None:
         revision = job.options.revision
         check(
-            revision is None or not folder_at(source_of(job)).is_dir(),
-            f"revision={revision}: {source_of(job)} is a folder, which has no revisions",
+            revision is None or not folder_at(job.source).is_dir(),
+            f"revision={revision}: {job.source} is a folder, which has no revisions",
         )
         self._job = job
         self._found: dict[str, KnownDataset | None] = {}
@@ -38,9 +37,7 @@ class Available:
             try:
                 if job.options.dataset is None and not (job.data_dir / config / MANIFEST).is_file():
                     raise DatasetError(f"{job.data_dir / config} holds no dataset")  # Ask no Hub.
-                self._found[config] = KnownDataset.read(
-                    source_of(job), config, job.options.revision
-                )
+                self._found[config] = KnownDataset.read(job.source, config, job.options.revision)
             except DatasetError as error:
                 self._found[config] = None
                 self.missing[config] = str(error)

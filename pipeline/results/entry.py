@@ -19,7 +19,7 @@ from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import by_labyrinth, return_interval
 from labyrinth_core.language.source_text import parse_size
-from pipeline.config.method import METHODS
+from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count
 from pipeline.results.kept import AUTHOR, run_of
 from pipeline.results.paper import title_of

@@ -10,7 +10,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.language.source_text import printable_line
-from pipeline.config.training import SUBMISSIONS, check_run
+from pipeline.config.options import ResultsFolderOption
+from pipeline.config.training import TrainingOptions
 from pipeline.machinery.artifact import Sums
 from pipeline.results.available import Available
 from pipeline.results.paper import METHODS, title_of
@@ -58,7 +59,7 @@ def read(
             if (results.config, run.name) != place:
                 name = f"{results.config}/{run.name}"
                 raise ValueError(f"it belongs to the run {name}, not to this one")
-            check_run(run, results.observation)
+            TrainingOptions.check_run(run, results.observation)
         if known is None:
             pass  # Nothing to compare with.
         elif run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
@@ -99,7 +100,7 @@ def gather(
         except DatasetError as error:
             refused.append(str(error))
             continue
-        kind = SUBMISSIONS if results.run is None else RUNS
+        kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
     own = Sums.read(results_dir, overwrite=overwrite)
@@ -125,7 +126,7 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = submissions_in(results_dir / SUBMISSIONS)
+    submitted = submissions_in(results_dir / ResultsFolderOption.SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
     files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):

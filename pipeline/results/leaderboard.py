@@ -152,7 +152,7 @@ def _effort(entry: Entry) -> list[str]:
 def _memorised(entry: Entry) -> str:
     """Return the excess over other training sets, and its p, for each run that was asked."""
     receipts = (each.memorised for each in entry.results)
-    return "; ".join(f"{each.excess:+.2f} (p {each.p:.3f})" for each in receipts if each)
+    return "; ".join(f"{each.excess:+z.2f} (p {each.p:.3f})" for each in receipts if each)
 
 
 def _name(entry: Entry, *, linked: bool = False) -> str:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from pipeline.config.option import check_options, option
-from pipeline.config.options import (
-    OverwriteOption,
-    ResultsFolderOption,
-    RunFolderOption,
-    SourceOptions,
-)
-from pipeline.config.stage import Job, Stage
+from pipeline.config.option import option
+from pipeline.config.options import ResultsFolderOption, RunFolderOption, SourceOptions, WorkOptions
+from pipeline.config.stage import Stage
 
 
 @dataclass(frozen=True)
@@ -25,21 +19,16 @@ class CheckOptions:
 
 
 @dataclass(frozen=True)
-class ResultsOptions(SourceOptions, RunFolderOption, ResultsFolderOption, OverwriteOption):
+class ResultsOptions(SourceOptions, RunFolderOption, ResultsFolderOption, WorkOptions):
     """Where results are read and written, and what they are checked against."""
 
     results: CheckOptions = field(default_factory=CheckOptions)
-
-
-def _check(job: Job[ResultsOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
-    check_options(job.options.results, CheckOptions, "results.")
 
 
 STAGES = {
     "results": Stage(
         "pipeline.results.results",
         ResultsOptions,
-        _check,
         headings={"Results, by stages=results": ResultsOptions},
     )
 }

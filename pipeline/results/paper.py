@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from labyrinth_core.evaluation.description import RunName
-from labyrinth_core.world.dynamics import GOAL_REWARD, STEP_LIMIT, STEP_PENALTY
+from labyrinth_core.world.rules import RULES
 from pipeline.machinery.markdown import plain
 
 METHODS = {
@@ -58,12 +58,12 @@ class PaperFigure:
         start it has at least n moves.
         """
         moves = self.size if self.split.startswith("s0") else 2 * (self.size - 1)
-        return GOAL_REWARD - (moves - 1) * STEP_PENALTY / self.size**2
+        return RULES.goal_reward - (moves - 1) * RULES.step_penalty / self.size**2
 
     @property
     def is_possible(self) -> bool:
         """Whether a policy can have this AER together with this SR."""
-        truncated = -STEP_LIMIT * STEP_PENALTY
+        truncated = -RULES.step_limit * RULES.step_penalty
         most = self.sr * self.greatest_return + (1 - self.sr) * truncated
         return self.aer <= most + 0.005  # AER is printed with two digits.
 

@@ -9,14 +9,13 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core import open_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.replaying import require_replay
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.opening import PolicyNameError
-from pipeline.config.method import METHODS
+from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from pipeline.config.training import METHODS
 from pipeline.machinery.console import say
 from pipeline.results.available import Available
 

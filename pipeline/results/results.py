@@ -18,7 +18,7 @@ from labyrinth_core.evaluation.results import LEGEND
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
-from pipeline.machinery.console import console, say, say_once
+from pipeline.machinery.console import say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.results.available import Available
 from pipeline.results.entry import Entry, boards, entries_of
@@ -80,7 +80,7 @@ def run(job: Job[ResultsOptions]) -> None:
     leave(results_dir, {name: each.encode() for name, each in texts.items()}, overwrite=overwrite)
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
-            console.print(overview(list(of_config)))
+            say(overview(list(of_config)))
         say_once(LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
     for paths in of_equal_weights(found):

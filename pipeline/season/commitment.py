@@ -12,25 +12,24 @@ import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import read_json, temporaries
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import is_day
-from labyrinth_core.evaluation.schema import COUNT, Named, Text, check_shape
 from pipeline.config.stage import Job
 from pipeline.generation import built
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.versions import build_versions
 from pipeline.season.files import private_folder, require_regular
 from pipeline.season.options import SeasonStageOptions
 
 PREFIX = b"labyrinth season, seed, version 1\n"
-KIND, FORMAT = "labyrinth-season", 1
 SECRET_BYTES = 32
 
 LEAST = 16
@@ -43,20 +42,6 @@ those who verify it. A thousand labyrinths of 5x5 may need half a million."""
 
 MOST_BYTES = 1 << 24
 """The size limit of `season.json` and `judged.json`, in bytes."""
-
-_HASH = Text(r"[0-9a-f]{64}")
-_SHAPE = {
-    "kind": KIND,
-    "format": FORMAT,
-    "name": Text(r"[a-z0-9][a-z0-9-]{0,50}"),
-    "date": Text(r"\d{4}-\d\d-\d\d"),
-    "config": Named(Text(r"\w+"), None),
-    "labyrinths": Named(Text(r"\w+"), COUNT),
-    "secret_sha256": _HASH,
-    "fingerprint": _HASH,
-    "shards": Named(Text(r"[\w.-]+"), _HASH),
-    "versions": Named(Text(r"[\w.-]+"), Text(r".{1,100}")),
-}
 
 
 @dataclass(frozen=True)
@@ -102,18 +87,20 @@ class Place:
 class Season:
     """The commitment of a season: the content of `season.json`."""
 
-    name: str
-    date: str
-    config: Mapping[str, Any]
+    kind: Literal["labyrinth-season"] = "labyrinth-season"
+    format: Literal[1] = 1
+    name: Annotated[str, typed.Like("[a-z0-9][a-z0-9-]{0,50}")]
+    date: Annotated[str, typed.Like(r"\d{4}-\d\d-\d\d")]
+    config: Mapping[typed.Word, Any]
     """The options of the dataset, without its seed."""
-    labyrinths: Mapping[str, int]
+    labyrinths: Mapping[typed.Word, typed.Count]
     """Split -> number of labyrinths."""
-    secret_sha256: str
-    fingerprint: str
+    secret_sha256: typed.Sha256
+    fingerprint: typed.Sha256
     """The fingerprint of the dataset's values and pixels, which does not depend on compression."""
-    shards: Mapping[str, str]
+    shards: Mapping[typed.Word, typed.Sha256]
     """Path -> SHA-256 of the file; other library versions may compress differently."""
-    versions: Mapping[str, str]
+    versions: Mapping[typed.Word, typed.Version]
     """The library versions that wrote the shards."""
 
     @classmethod
@@ -135,9 +122,7 @@ class Season:
         """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
             require_regular(place.season, MOST_BYTES)
-            content = read_json(place.season)
-            check_shape(content, _SHAPE)
-            season = cls(**{each.name: content[each.name] for each in fields(cls)})
+            season: Season = typed.read_as(cls, File(place.season).read_json())
             season._check()
         except FileNotFoundError as error:
             raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
@@ -158,14 +143,14 @@ class Season:
 
     def to_text(self) -> str:
         """Return the content of `season.json`."""
-        return json.dumps({"kind": KIND, "format": FORMAT, **asdict(self)}, indent=2) + "\n"
+        return json.dumps(asdict(self), indent=2) + "\n"
 
     def find_secret(self, place: Place) -> bytes:
         """Return the secret before the reveal; raise a DatasetError if there is none.
 
         It is moved to its place if the process that made the season was killed before.
         """
-        for kept in temporaries(place.secret.parent, [place.secret.name]):
+        for kept in LocalFile.temporaries(place.secret.parent, [place.secret.name]):
             with suppress(DatasetError, OSError):
                 self.require_secret(kept)
                 kept.replace(place.secret)

@@ -9,7 +9,7 @@ from tempfile import gettempdir
 from uuid import uuid4
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256, locked
+from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.results import LARGEST
 from pipeline.machinery.folders import held, remove
 
@@ -36,7 +36,7 @@ def require_regular(path: Path, most: int) -> None:
 
 def has_sha256(path: Path, digest: str) -> bool:
     """Return whether a file exists, is not larger than any results or weights, and has a hash."""
-    return path.is_file() and path.stat().st_size <= LARGEST and file_sha256(path) == digest
+    return path.is_file() and path.stat().st_size <= LARGEST and File(path).sha256() == digest
 
 
 @contextmanager
@@ -55,7 +55,7 @@ def private_folder() -> Iterator[Path]:
                 left = base / lock.name.removeprefix(".").removesuffix(".lock")
                 with suppress(OSError):  # Its process is alive and holds it, or has just ended.
                     if left != own and lock.lstat().st_uid == own.lstat().st_uid:
-                        with locked(lock, wait=False):
+                        with LocalFile(lock).locked(wait=False):
                             remove(left)
             yield own
         finally:

@@ -10,43 +10,62 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from math import log, sqrt
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, TypedDict
 
-from labyrinth_core import evaluate
+from labyrinth_core.data import typed
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
+from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.evaluation.memorised import train_of
 from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.results_form import JUDGEMENT
-from labyrinth_core.evaluation.schema import SHARE, Each, Exactly, Text, check_shape
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
-from pipeline.season.commitment import MOST_BYTES, Place, Season, dataset
+from pipeline.season.commitment import MOST_BYTES, Place, Season, check_rows, dataset
 from pipeline.season.files import require_regular
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
-_ROW = Exactly(
-    {
-        **{name: JUDGEMENT[name] for name in ("submission", "commit", "files", "versions")},
-        "figures": {"test": {"spl": SHARE, "sr": SHARE}},
-        "results_sha256": Text(r"[0-9a-f]{64}"),
-    }
-)
+_SIGNED = ("submission", "commit", "files", "versions")
 _DECIMALS = 2
 """The decimals of published figures: too few to learn about single labyrinths by resubmitting."""
 
+CONTROLS = 200
+"""The number of control training sets with which the judge asks whether a policy remembers."""
+
 Row = dict[str, Any]
-"""The published entry of a judged submission, of the shape `_ROW`."""
+"""The published entry of a judged submission, with the fields of `_Row`."""
+
+
+@dataclass(frozen=True)
+class _Row:
+    submission: typed.Address
+    commit: typed.Commit | None
+    files: Mapping[typed.Word, typed.Sha256]
+    versions: Mapping[typed.Word, typed.Version]
+    figures: Mapping[typed.SplitName, _Figures]
+    results_sha256: typed.Sha256
+
+
+class _Figures(TypedDict):
+    spl: typed.Share
+    sr: typed.Share
+
+
+@dataclass(frozen=True)
+class _List:
+    season: str
+    judged: list[Any]
 
 
 class Judged(NamedTuple):
@@ -62,7 +81,8 @@ def run(job: Job[SeasonStageOptions]) -> None:
     """Judge a submission; if it was judged before, check that the results are the same.
 
     Raises:
-        ConfigError: The submission has a name that is not allowed, such as that of a baseline.
+        ConfigError: The submission has a name that is not allowed, such as that of a baseline, or
+            nothing can be said about the train of the dataset that it has learnt from.
         DatasetError: The season or the submission does not exist, the season is revealed, or the
             submission was judged before with other results.
         PolicyError: The policy raises an error, or returns anything but actions.
@@ -72,7 +92,7 @@ def run(job: Job[SeasonStageOptions]) -> None:
         check_name(named)  # Checked now, before the policy plays for hours.
     except ValueError as error:
         raise ConfigError(f"season.submission: {error}") from error
-    season = Season.read(place)
+    season, train = Season.read(place), _train_named(job.options.season.learnt_from)
     with held(place.public, place.judged.name):
         if place.revealed.exists():  # Asked while no other process can reveal it.
             raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
@@ -86,18 +106,21 @@ def run(job: Job[SeasonStageOptions]) -> None:
             with dataset(job.options.workers, config) as data:
                 season.other_shards(data.manifest)  # Raises an error if the content differs.
                 signed = None if before is None else before["versions"]
-                row, _, content = judged(season, submission, data, signed)
+                row, results, content = judged(season, submission, data, signed, train)
             if before is None:
                 rows.append(row)
             elif before != row:
                 raise DatasetError(
-                    f"{named} was judged before, with other results: see {place.judged}"
+                    f"{named} was judged before, with other results or another "
+                    f"season.learnt_from: see {place.judged}"
                 )
             overwrite = job.options.overwrite
             _keep(place, rows.index(row) + 1, submission, content, overwrite=overwrite)
             publish(place, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {place.judged}")
+    if results.memorised:  # Its copies name labyrinths of the test.
+        say(str(replace(results.memorised, copies=())))
     if len(rows) > 1:
         chance = by_chance(len(rows), season.labyrinths["test"])
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
@@ -105,7 +128,7 @@ def run(job: Job[SeasonStageOptions]) -> None:
 
 def check_name(named: object) -> None:
     """Raise ValueError if a submission may not have this name, such as that of a baseline."""
-    check_shape(named, Text(SUBMISSION), "the submission")
+    typed.read_as(Annotated[str, typed.Like(SUBMISSION)], named, "the submission")
     for name in (str(named), str(named).partition("@")[0]):
         Description(name)
 
@@ -129,6 +152,7 @@ def judged(
     submission: Submission,
     data: Dataset,
     signed: Mapping[str, str] | None = None,
+    train: DatasetConfig | None = None,
 ) -> Judged:
     """Evaluate a submission on the test of a season.
 
@@ -137,9 +161,12 @@ def judged(
         submission: The submission.
         data: The season's dataset.
         signed: The library versions that the judge recorded; None for this process's versions.
+        train: The config of the dataset that the submission has learnt from, to ask whether it
+            remembers its train; None to ask nothing.
 
     Raises:
-        DatasetError: The judge recorded no version of a library.
+        DatasetError: The judge recorded no version of a library, or `train` is of another size or
+            task than the season, too large, or has too few structures.
         PolicyError: The policy raises an error, returns anything but actions, or does not support
             these labyrinths.
     """
@@ -156,8 +183,8 @@ def judged(
         versions=signed,
     )
     try:
-        shifts = data.manifest.config.shifts
-        results = evaluate(submission.policy, data, splits=["test", *shifts])
+        asked = Evaluation.of(submission.policy, data)
+        results = asked.results(["test", *data.manifest.config.shifts])
     except UnrepeatableError as error:
         raise PolicyError(
             f"{submission.named} answers the same observations differently: a season judges only "
@@ -170,13 +197,45 @@ def judged(
         judged=judgement,
         policy=None,  # The judgement names it.
     )
+    if train is not None:
+        results = _with_receipt(results, asked, train)
     content = results.to_text(Description(submission.named)).encode()
     return Judged(_row(results, content), results, content)
 
 
+def _train_named(place: str) -> DatasetConfig | None:
+    """Return the config of the dataset that `season.learnt_from` names, if any."""
+    if not place:
+        return None
+    source, _, name = place.rstrip("/").rpartition("/")
+    try:
+        return train_of(Dataset(source, name), "test")[0]
+    except DatasetError:
+        raise
+    except ValueError as error:
+        raise ConfigError(f"season.learnt_from={place}: {error}") from error
+
+
+def _with_receipt(results: Results, asked: Evaluation, train: DatasetConfig) -> Results:
+    """Add to results whether the submission follows the train of a dataset in the season's test.
+
+    The test follows from the secret alone, so it does not depend on that train.
+    """
+    here = asked.data.manifest.config
+    try:
+        if train.name != here.name:
+            raise ValueError(f"{train.name} is not {here.name}")
+        check_rows(replace(train, labyrinths=(1 + CONTROLS) * train.labyrinths))
+        return replace(results, memorised=asked.receipt("test", CONTROLS, train=train))
+    except (DatasetError, PolicyError):
+        raise
+    except ValueError as error:
+        raise DatasetError(f"season.learnt_from: {error}") from error
+
+
 def _row(results: Results, content: bytes) -> Row:
     """Return the entry of judged results, which are in a file with this content."""
-    row = {name: value for name, value in asdict(results)["judged"].items() if name in _ROW.of}
+    row = {name: value for name, value in asdict(results)["judged"].items() if name in _SIGNED}
     row["figures"] = {
         split: {"spl": round(scores.spl, _DECIMALS), "sr": round(scores.sr, _DECIMALS)}
         for split, scores in results.splits.items()
@@ -240,21 +299,23 @@ def read_list(place: Place, season: Season) -> list[Any]:
     """Return the entries of the public list as they are; raise a DatasetError without a list."""
     try:
         require_regular(place.judged, MOST_BYTES)
-        content = read_json(place.judged)
-        check_shape(content, Exactly({"season": season.name, "judged": Each(None)}))
+        found: _List = typed.read_as(_List, File(place.judged).read_json())
+        if found.season != season.name:
+            raise ValueError(f"it.season is {found.season!r:.60}, not {season.name!r}")
     except FileNotFoundError:
         return []
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
             f"{place.judged} is not a list of results: {one_line(error):.300}"
         ) from error
-    entries: list[Any] = content["judged"]
-    return entries
+    return found.judged
 
 
 def check_row(row: Any) -> None:
     """Raise ValueError if an entry of the list is not that of a judged submission."""
-    check_shape(row, _ROW)
+    typed.read_as(_Row, row)
+    if "test" not in row["figures"]:
+        raise ValueError("it.figures has no test")
     check_name(row["submission"])
 
 

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 
 from labyrinth_core.evaluation.description import is_day
 from pipeline.config.errors import check
-from pipeline.config.option import LOCAL_FOLDER, check_options, option
-from pipeline.config.options import ExecutorOptions, OverwriteOption
+from pipeline.config.option import DATASET_AND_CONFIG, option
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 
 _PART = r"(?!\.{1,2}(?:[/@]|\Z))[A-Za-z0-9._+=-]+"
@@ -25,7 +25,7 @@ class SeasonOptions:
         "name of a season, such as 2026-a",
         like=(r"[a-z0-9][a-z0-9-]{0,50}", "small letters, digits and hyphens, such as 2026-a"),
     )
-    folder: str = option("seasons", "folder of the seasons", like=LOCAL_FOLDER)
+    folder: str = option("seasons", "folder of the seasons", is_local_folder=True)
     date: str = option(
         "",
         "day on which the season begins, such as 2026-11-30; not filled in automatically",
@@ -41,10 +41,16 @@ class SeasonOptions:
             "spelt with A to Z, a to z, 0 to 9 and ._+=- between single slashes, without . and ..",
         ),
     )
+    learnt_from: str = option(
+        "",
+        "dataset that the submission has learnt from, such as data/labyrinth/5x5, or "
+        "user/labyrinth/5x5 on the Hub: the judge asks whether it remembers its train",
+        like=DATASET_AND_CONFIG,
+    )
 
 
 @dataclass(frozen=True)
-class SeasonStageOptions(ExecutorOptions, OverwriteOption):
+class SeasonStageOptions(WorkOptions):
     """Which season is meant, and how its dataset is built."""
 
     season: SeasonOptions = field(default_factory=SeasonOptions)
@@ -52,7 +58,6 @@ class SeasonStageOptions(ExecutorOptions, OverwriteOption):
 
 def _check(job: Job[SeasonStageOptions], stages: Sequence[str]) -> None:
     options = job.options.season
-    check_options(options, SeasonOptions, "season.")
     check(
         "season" not in stages or is_day(options.date),
         f"season.date={options.date}: give the day on which the season begins, such as 2026-11-30",

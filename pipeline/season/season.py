@@ -7,9 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import naming, temporaries, temporary_beside, write_text
+from labyrinth_core.data.storage import (
+    File,
+    LocalFile,
+)
 from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import CONFIG, Job
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
@@ -43,7 +46,7 @@ def run(job: Job[SeasonStageOptions]) -> None:
         check_rows(job.dataset)
     except ValueError as error:
         raise ConfigError(str(error)) from error
-    existed, kept = place.public.exists(), temporary_beside(place.secret)
+    existed, kept = place.public.exists(), LocalFile(place.secret).temporary()
     try:
         if not existed:
             with produced(place.public, {"season": options.name}) as made:
@@ -74,21 +77,20 @@ def _make(job: Job[SeasonStageOptions], place: Place, folder: Path, kept: Path) 
             "season.name"
         )
     # A process was killed before the season existed.
-    for left in temporaries(place.secret.parent, [place.secret.name]):
+    for left in LocalFile.temporaries(place.secret.parent, [place.secret.name]):
         left.unlink()
     secret = os.urandom(SECRET_BYTES)
     _keep(kept, place.secret, secret)
     seed = seed_of(secret, without_seed(job.dataset))
     with dataset(job.options.workers, replace(job.dataset, seed=seed)) as data:
         season = Season.of(place.public.name, job.options.season.date, secret, data.manifest)
-    write_text(folder / place.season.name, season.to_text())
-    if job.composed:
-        write_text(folder / CONFIG, job.composed)
+    File(folder / place.season.name).write_text(season.to_text())
+    job.write_config(folder)
 
 
 def _keep(path: Path, named: Path, secret: bytes) -> None:
     """Write a secret into a new file that only its owner can read; errors name its later place."""
-    with naming(named, path):
+    with LocalFile(named).naming(path):
         descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
         with os.fdopen(descriptor, "w", encoding="ascii") as file:
             file.write(secret.hex() + "\n")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.known import KnownDataset
@@ -12,8 +13,8 @@ from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
-from pipeline.machinery.dataset import build_versions
 from pipeline.machinery.markdown import table
+from pipeline.machinery.versions import build_versions
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.files import has_sha256
 from pipeline.season.judge import Row, check_row, judged, read_list, shown
@@ -106,11 +107,14 @@ def _judged_again(
     revealed = place.public / "results" / f"{number}.json"
     folder = None if row["commit"] else place.public / "submissions" / str(number)
     try:
+        committed = has_sha256(revealed, row["results_sha256"])
+        receipt = Results.load(revealed).memorised if committed else None
+        train = None if receipt is None else DatasetConfig.from_json(receipt.train)
         with fetched(row["submission"], folder, pinned=row) as submission:
-            again = judged(season, submission, known.data, signed=row["versions"])
+            again = judged(season, submission, known.data, row["versions"], train)
             here = versions(submission.library)
         figures = shown(again.row["figures"]["test"])
-        if not has_sha256(revealed, row["results_sha256"]):
+        if not committed:
             return figures, f"no: results/{revealed.name} does not match the commitment"
         if again.row == row:
             return figures, EQUAL

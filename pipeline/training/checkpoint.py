@@ -22,14 +22,14 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.spec import NetworkSpec
 from labyrinth_core.policies.weights import read_tensors
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import differences
+from pipeline.training.identity import require_same, without_place
 
 INSTEAD = "choose another run_dir"
 
@@ -162,7 +162,7 @@ def save_tensors(path: Path, tensors: Mapping[str, Tensor], metadata: dict[str, 
     """Write tensors and texts into one safetensors file, atomically."""
     # Cloned because the format cannot express weights that networks share.
     owned = {name: tensor.detach().clone().contiguous() for name, tensor in tensors.items()}
-    write_bytes(path, to_bytes(owned, metadata))
+    File(path).write_bytes(to_bytes(owned, metadata))
 
 
 def _digest(tensors: Mapping[str, Tensor], text: str) -> str:
@@ -240,26 +240,3 @@ def read_policy(
         reason = f"{path} is not a policy of this network"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     return NetworkPolicy(network)
-
-
-def require_same(
-    thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
-) -> None:
-    """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
-    if differing := differences(options_of(actual), options_of(required)):
-        raise DatasetError(f"{thing} with {differing}{advice}")
-
-
-def without_place(identity: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what determines a run's weights, which does not depend on where its dataset lies.
-
-    The fingerprint of the dataset says which it is.
-    """
-    return {name: value for name, value in identity.items() if name not in ("dataset", "revision")}
-
-
-def options_of(description: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a run's description with each setting under the name of its option, `method.NAME`."""
-    options = {name: value for name, value in description.items() if name != "settings"}
-    settings = description.get("settings", {})
-    return options | {f"method.{name}": value for name, value in settings.items()}

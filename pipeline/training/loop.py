@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping
-from math import isfinite
+from dataclasses import dataclass
+from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +13,38 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.errors import ConfigError, check
-from pipeline.config.training import Protocol
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT_SECONDS = 30.0
 """The minimum time between two checkpoints."""
+
+
+@dataclass(frozen=True)
+class Protocol:
+    """When training ends."""
+
+    evaluate_every: int | None = None
+    """The number of epochs between evaluations; None for the method's own."""
+    patience: float = inf
+    """The number of evaluations without a better validation success rate that end training."""
+
+
+PROTOCOLS = {
+    "default": Protocol(),
+    "paper": Protocol(evaluate_every=10, patience=5),
+    "authors": Protocol(),
+}
+"""`default` and `paper` keep the policy with the best success rate on validation.
+
+`default` trains for the method's whole budget, and shrinks pictures without losing walls. `paper`
+resizes the authors' thin walls as they do, without antialiasing, so that most walls vanish. It
+stops training like the authors' public script for BC: after five evaluations on the validation
+labyrinths, ten epochs apart, without a better success rate, or after the method's epochs (a
+thousand in that script). Here the other methods follow the same rule. `authors` is for the six
+methods of the authors' later code, which have their own settings and selection, and are in
+scripts/studies/methods/authors.
+"""
 
 
 def fit(

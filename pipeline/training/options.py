@@ -9,20 +9,20 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from pipeline.config.option import option
-from pipeline.config.options import OverwriteOption
+from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions, check_training
+from pipeline.config.training import TrainingOptions
 
 
 @dataclass(frozen=True)
-class TrainOptions(TrainingOptions, OverwriteOption):
+class TrainOptions(TrainingOptions, WorkOptions):
     """What is trained, and what is logged."""
 
     tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
 
 
 def _check(job: Job[TrainOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
-    check_training(job.options)
+    job.options.check_training()
 
 
 STAGES = {

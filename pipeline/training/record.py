@@ -11,12 +11,12 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.storage import file_sha256, write_bytes, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
-from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
-from pipeline.config.stage import CONFIG
+from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say
 from pipeline.training.checkpoint import Progress
@@ -25,7 +25,7 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 
-OURS = (RECORD, POLICY, CURVES, CONFIG, f"{Path(RESULTS).stem}*.json")
+OURS = (RECORD, WEIGHTS, CONFIG, CURVES, Job.CONFIG, f"{Path(RESULTS).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 
@@ -35,6 +35,7 @@ def write_record(
     identity: Mapping[str, Any],
     progress: Progress,
     computed: Mapping[str, Any],
+    files: Sequence[str],
 ) -> None:
     """Write `run.json` and `curves.png` into the folder that holds the policy of a run.
 
@@ -46,14 +47,15 @@ def write_record(
         identity: Everything that determines the run's weights: method, settings, seed, dataset, ...
         progress: The progress of the finished run.
         computed: The device and the number of threads.
+        files: The names of the files of the policy.
     """
-    files = [POLICY]
+    files = [*files]
     try:
         picture = _curves(name, progress.history)
     except Exception as error:  # Any error: a plot must never cost the policy.
         say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     else:
-        write_bytes(folder / CURVES, picture)
+        File(folder / CURVES).write_bytes(picture)
         files.append(CURVES)
     content = {
         "format": FORMAT,
@@ -63,9 +65,9 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
-        "files": {file: file_sha256(folder / file) for file in files},
+        "files": {file: File(folder / file).sha256() for file in files},
     }
-    write_text(folder / RECORD, json.dumps(content, indent=1) + "\n")
+    File(folder / RECORD).write_text(json.dumps(content, indent=1) + "\n")
 
 
 def restore_curves(folder: Path, name: str) -> None:
@@ -105,7 +107,7 @@ def open_board(folder: Path) -> Iterator[Any]:
         path.rename(path.with_name(".".join(path.name.split(".")[:4])))
 
 
-def _curves(title: str, history: Sequence[Mapping[str, float]]) -> bytes:
+def _curves(title: str, history: Sequence[Mapping[str, Any]]) -> bytes:
     """Return a PNG with the losses and success rates by epoch."""
     # Inherited from a notebook, it may name a backend that is not installed here.
     os.environ.pop("MPLBACKEND", None)

@@ -1,16 +1,17 @@
 """The stage `train`: train a policy on a dataset.
 
 The folder of a run is `<run_dir>/<config>/<name>`, with the name of `RunName`. It appears when the
-run is finished, with `policy.safetensors`, `curves.png` and `run.json`. Until then the checkpoint
+run is finished, with `model.safetensors`,
+`config.json`, `curves.png` and `run.json`. Until then the checkpoint
 is in a hidden folder next to it, and an earlier run keeps its place.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,7 @@ import torch
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.observations import ObservationSpec
-from labyrinth_core.data.storage import file_sha256, write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
@@ -29,27 +29,33 @@ from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import POLICY, RECORD, NetworkSpec
-from pipeline.config.errors import ConfigError, check
-from pipeline.config.options import source_of
-from pipeline.config.stage import CONFIG, Job
-from pipeline.config.training import PROTOCOLS, TrainingOptions, run_name, training_folder
+from labyrinth_core.policies.spec import (
+    CONFIG,
+    ENCODERS,
+    OWN,
+    RECORD,
+    WEIGHTS,
+    PolicySpec,
+)
+from pipeline.config.errors import check
+from pipeline.config.stage import Job
+from pipeline.config.training import TrainingOptions
 from pipeline.machinery.artifact import Sums, produced
 from pipeline.machinery.console import each_minute, progress, say
-from pipeline.machinery.dataset import dataset_of
 from pipeline.machinery.folders import followed, held, remove, within
-from pipeline.training.checkpoint import (
-    INSTEAD,
-    Progress,
-    identity_in,
+from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
+from pipeline.training.identity import (
+    choose_device,
+    identify,
     options_of,
-    save_policy,
+    spec_of,
     without_place,
 )
-from pipeline.training.loop import CHECKPOINT_SECONDS, fit
+from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
@@ -81,17 +87,17 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
         DatasetError: The dataset is missing or lacks a split that the method needs, or the folder
             holds another run.
     """
-    folder = training_folder(job)
+    folder = job.options.run_folder(job.dataset)
     place = followed(folder)
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
-    data = dataset_of(job, job.options.first_labyrinths)
+    data = job.open_dataset(job.options.first_labyrinths)
     identity = identify(job, asdict(settings), data.fingerprint)
     there, overwrite = Sums.read(folder).key or {}, job.options.overwrite
     if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
         # The dataset may have moved since.
         identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
-    rules: dict[str, Any] = {"mark": RECORD, "names": (RECORD, POLICY), "ours": OURS}
+    rules: dict[str, Any] = {"mark": RECORD, "names": files_of(job), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
@@ -102,18 +108,18 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
                 if method.protocol:
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
-                if job.composed:
-                    write_text(made / CONFIG, job.composed)
+                job.write_config(made)
         remove(working)  # Only now: the next process would have continued from the checkpoint.
     if made is None:
-        restore_curves(folder, run_name(job).name)
+        restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")
         record = read_run(folder)
         assert record is not None  # The folder is complete.
-        return float(record["selected"]["validation_sr"])
+        selected: Mapping[str, Any] = record["selected"]
+        return float(selected["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
-        f"{run_name(job).name}: SR {done.best['validation_sr']:.1%} on validation, "
+        f"{folder.name}: SR {done.best['validation_sr']:.1%} on validation, "
         f"{done.best['train_sr']:.1%} on train, after epoch {done.best['epoch']} of {done.epoch}; "
         f"{done.seconds:.0f} s. {folder}"
     )
@@ -144,24 +150,14 @@ def _train(
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    save_policy(folder / POLICY, done.weights, learner.problem.spec)
-    write_record(folder, run_name(job).name, identity, done, computed_on(device))
+    save_policy(folder / WEIGHTS, done.weights, learner.problem.spec)
+    if CONFIG in files_of(job):
+        policy = PolicySpec.of_run(learner.problem.spec, identity)
+        File(folder / CONFIG).write_text(json.dumps(policy.to_json(), indent=1) + "\n")
+    files = [name for name in files_of(job) if name != RECORD]
+    name = options.run_name(job.dataset).name
+    write_record(folder, name, identity, done, computed_on(device), files)
     return done
-
-
-def choose_device(options: TrainingOptions) -> torch.device:
-    """Set the number of threads, and return the device to compute on.
-
-    Raises:
-        ConfigError: The device does not exist.
-    """
-    if options.threads is not None:
-        torch.set_num_threads(options.threads)
-    available = torch.accelerator.is_available()
-    found = torch.accelerator.current_accelerator() if available else None
-    if options.device == "cuda" and (found is None or found.type != "cuda"):
-        raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
-    return torch.device("cpu") if found is None or options.device == "cpu" else found
 
 
 def computed_on(device: torch.device) -> dict[str, Any]:
@@ -171,33 +167,6 @@ def computed_on(device: torch.device) -> dict[str, Any]:
         products = torch.backends.cuda.matmul.allow_tf32
         computed["tf32"] = {"convolutions": torch.backends.cudnn.allow_tf32, "products": products}
     return computed
-
-
-def identify(
-    job: Job[TrainingOptions], settings: Mapping[str, Any], fingerprint: str
-) -> dict[str, Any]:
-    """Return everything that determines the weights of a job, in plain types.
-
-    Of a user's method it has the hash of its module, but not of what that imports.
-    """
-    options = job.options
-    module, of_user, _ = options.method_name.partition(":")
-    own = getattr(import_module(module), "__file__", None) if of_user else None
-    code = {} if own is None else {"code": f"{Path(own).name} {file_sha256(Path(own)):.12}"}
-    return {
-        "method": options.method_name,
-        "encoder": options.network,
-        "observation": options.observation,
-        "protocol": options.protocol,
-        "train_labyrinths": options.train_labyrinths,
-        "seed": job.dataset.seed,
-        "settings": dict(settings),
-        "config": job.dataset.name,
-        "dataset": source_of(job),
-        "revision": options.revision,
-        "fingerprint": fingerprint,
-        **code,
-    }
 
 
 def loader_of(
@@ -216,16 +185,19 @@ def loader_of(
         split: str, observation: str = options.observation, first: int | None = None
     ) -> LabyrinthArrays:
         selection = data.of_first(split, options.first_labyrinths).filter(labyrinths=first)
-        resize = PROTOCOLS[options.protocol].resize
+        resize = options.resize
         return arrays_in(selection, ObservationSpec(observation, image_size, True, resize))
 
     return load
 
 
-def spec_of(job: Job[TrainingOptions]) -> NetworkSpec:
-    """Return the specification of the network of a run's policy."""
-    dataset = job.dataset
-    return NetworkSpec(job.options.network, dataset.height, dataset.width, str(dataset.task))
+def files_of(job: Job[TrainingOptions]) -> list[str]:
+    """Return the names of the files without which the folder of a run is damaged.
+
+    The library describes no network of a user's method, so such a run has no `config.json`.
+    """
+    described = job.options.network in (*ENCODERS, *OWN)
+    return [RECORD, WEIGHTS, *[CONFIG] * described]
 
 
 def prepare(

@@ -31,9 +31,9 @@ from environments.variation import corrected, measure
 from environments.variation_report import write_report
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.version import __version__
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.machinery.executor import ordered_map
 
 CHUNK = 100
@@ -113,7 +113,7 @@ def _made_of(environment: str, dataset: DatasetConfig) -> dict[str, Any]:
         values = dataset.to_json()
         made_of = {key: values[key] for key in ("height", "width", "task", "sampler", "open_walls")}
     else:
-        made_of = {"expert": file_sha256(source_of(environment))}
+        made_of = {"expert": File(source_of(environment)).sha256()}
     made_of["labyrinth-datasets"] = __version__
     libraries = ("numpy", "gymnasium", "mujoco")
     return made_of | {name: version(name) if find_spec(name) else None for name in libraries}

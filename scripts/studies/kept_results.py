@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.results.paper import METHODS, name_of
 
@@ -26,7 +26,7 @@ def read_run(path: Path) -> Run:
 
     The figures of `evaluate` are not checked here: `Results.load` does so in a test of all files.
     """
-    kept: Run = read_json(path)
+    kept: Run = File(path).read_json()
     marks = kept.get("solved") or {
         split: each["outcomes"][0] for split, each in kept.get("splits", {}).items()
     }

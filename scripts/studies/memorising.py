@@ -24,7 +24,7 @@ import numpy as np
 from run_queue import ROOT, processor_seconds, program
 
 from labyrinth_core import Dataset, evaluate, load_arrays, load_policy, memorised
-from labyrinth_core.data.storage import write_text
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
@@ -35,6 +35,8 @@ CONTROLS = 200
 
 TWENTY = range(1001, 1021)
 """The seeds of twenty datasets, each with a BC policy, for the study of validity."""
+NEIGHBOURS = 4
+"""The number of next datasets, in a circle, whose trains each of these policies is asked about."""
 SIX = ("bc", "dagger", "gail", "bco", "sqil", "iupe")
 
 HOURS = {"bc": 0.016, "dagger": 0.06, "gail": 0.42, "bco": 0.09, "sqil": 0.1, "iupe": 0.1} | {
@@ -82,8 +84,8 @@ def planned() -> Iterator[Asked]:
             yield Asked(f"{name.replace(' ', '-')}-{seed}", 0, name, seed)
     yield Asked("released-planner-0", 0, "released")
     yield Asked("method-bc-0", 0, "bc")
-    for train in TWENTY:
-        others = tuple(seed for seed in TWENTY if seed != train)
+    for number, train in enumerate(TWENTY):
+        others = tuple(TWENTY[(number + step) % 20] for step in range(1, 1 + NEIGHBOURS))
         yield Asked(f"validity-bc-{train}", train, "bc", train, others=others)
     for seed in range(5):
         for method in (*SIX, "planner", "mapper"):
@@ -227,7 +229,7 @@ def main() -> None:
             continue
         found = ask(asked, work, trained_only=given.trained)
         if found is not None:
-            write_text(path, json.dumps(found, indent=1) + "\n")
+            File(path).write_text(json.dumps(found, indent=1) + "\n")
             print(f"{asked.name}: p {found['receipt']['p']:.3f}", flush=True)
 
 

@@ -8,9 +8,9 @@ r"""Record the first pictures of Procgen's levels, for `certify`.
 
 Procgen needs an older numpy than Labyrinth, so this script imports nothing but numpy, Procgen and
 `examples/record_levels.py`. The third line records what the benchmark's paper trains on, 200 easy
-and 500 hard levels of each game; the fourth the levels of openai/procgen issue 100. A level is
-drawn at random among those of its split until all have been drawn; one that is drawn again is
-recorded again, so that `certify` finds out whether it repeats. Files that are there are left out.
+and 500 hard levels of each game; the fourth the levels of openai/procgen issue 100. As there, an
+environment is made for each level. Every tenth level is begun again and recorded again, so that
+`certify` finds out whether it repeats. Files that are there are left out.
 """
 
 import argparse
@@ -34,29 +34,24 @@ FAR = 1_000_000
 """The first level of test, unless it is that of issue 100."""
 HUNDRED = 100_000
 """The number of training levels in issue 100, whose test begins there."""
-AT_ONCE = 64
-"""The number of levels that are drawn together."""
-NEW_LEVEL = -1
+NEW_EPISODE = np.array([-1], np.int32)
 """The action that ends an episode."""
-AGAIN = 2
-"""How often a level is recorded at most."""
+CHECKED = 10
+"""Of so many levels, one is begun again, to check that it repeats."""
 
 
 def first_pictures(start, count, **options):
-    """Yield the number of a level and the digest of its first picture, until all were seen."""
-    env = ProcgenGym3Env(
-        num=AT_ONCE, start_level=start, num_levels=count, rand_seed=0, num_threads=0, **options
-    )
-    drawn = {}
-    while len(drawn) < count:
-        pictures = env.observe()[1]["rgb"]
-        for info, picture in zip(env.get_info(), pictures, strict=True):
-            level = int(info["level_seed"])
-            drawn[level] = drawn.get(level, 0) + 1
-            if drawn[level] <= AGAIN:
-                yield level, hashlib.sha256(content(picture)).hexdigest()
-        env.act(np.full(AT_ONCE, NEW_LEVEL, np.int32))
-    env.close()
+    """Yield the number of each level and the digest of its first picture, of some levels twice."""
+    for level in range(start, start + count):
+        env = ProcgenGym3Env(
+            num=1, start_level=level, num_levels=1, rand_seed=0, num_threads=0, **options
+        )
+        for again in range(1 if level % CHECKED else 2):
+            if again:
+                env.act(NEW_EPISODE)
+            assert env.get_info()[0]["level_seed"] == level
+            yield level, hashlib.sha256(content(env.observe()[1]["rgb"][0])).hexdigest()
+        env.close()
 
 
 def record(folder, game, mode, train, test, whole=False, plain=False):

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from labyrinth_core.benchmarks.levels import percent
 from labyrinth_core.benchmarks.seeds import seeds_of
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from pipeline.machinery.markdown import table
 
 Certificate = dict[str, Any]
@@ -85,7 +85,7 @@ def procgen_views() -> str:
 def kept(records: bool = False) -> list[Certificate]:
     """Return the certificates of environments, or those of records, by descending share."""
     files = sorted((RESULTS / "benchmarks").glob("*.json"))
-    found = [read_json(path) for path in files]
+    found = [File(path).read_json() for path in files]
     chosen = [each for each in found if ("train" not in each["arguments"]) == records]
     return sorted(chosen, key=lambda each: (-best(each), name(each)))
 

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from run_queue import HOURS, LONGEST, SCALING, missing_in
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from pipeline.machinery.markdown import table
@@ -46,7 +46,9 @@ def routes_of(labyrinths: int, split: str) -> dict[str, tuple[int, int]]:
         labyrinths: How many train has.
         split: The split.
     """
-    found: dict[str, tuple[int, int]] = read_json(RESULTS / f"routes/{labyrinths}.json")[split]
+    found: dict[str, tuple[int, int]] = File(RESULTS / f"routes/{labyrinths}.json").read_json()[
+        split
+    ]
     return found
 
 
@@ -266,6 +268,6 @@ def _logged() -> dict[str, float]:
 def _kept() -> Iterator[tuple[Path, dict[str, Any]]]:
     """Yield each file that describes a run with the time that it took, and its content."""
     for path in sorted(RESULTS.rglob("*-seed*.json")):
-        content = read_json(path)
+        content = File(path).read_json()
         if content.get("kind") or content.keys() & {"cpu_seconds", "seconds_of_training"}:
             yield path, content

@@ -5,7 +5,7 @@ from __future__ import annotations
 from environments.variation_report import LIKE_THEIRS, columns_of
 from kept_results import RESULTS
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 
 MORE = {
     "environment": "{name}",
@@ -39,4 +39,4 @@ def many() -> str:
 def _kept(name: str) -> list[dict[str, object]]:
     """Return the values of all environments in the files of a folder."""
     files = sorted((RESULTS / "environments" / name).glob("*.json"))
-    return [each for path in files for each in read_json(path)]
+    return [each for path in files for each in File(path).read_json()]

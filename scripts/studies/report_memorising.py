@@ -10,7 +10,7 @@ import numpy as np
 from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of
 
@@ -104,8 +104,8 @@ def uniform() -> str:
     for row, each in enumerate(found):
         for seed, unseen in each["unseen"].items():
             scaled[row, TWENTY.index(int(seed))] = unseen["excess"] / unseen["sd"]
-    by_train = np.nanmean(scaled, axis=0)
-    expected = float(np.mean(1 / np.sqrt((~np.isnan(scaled)).sum(axis=0))))
+    scaled = scaled[:, (asked := (~np.isnan(scaled)).sum(axis=0)) > 0]
+    by_train, expected = np.nanmean(scaled, axis=0), np.mean(asked[asked > 0] ** -0.5)
     return (
         f"Of {len(ps)} ranks, {(ps <= 0.05).mean():.1%} are up to 0.05 and "
         f"{(ps <= 0.1).mean():.1%} up to 0.1. Their largest distance from the uniform distribution "
@@ -139,7 +139,7 @@ def missing() -> str:
 def kept() -> list[Kept]:
     """Return the policies that were asked, in the order of the plan."""
     paths = ((RESULTS / "memorising" / f"{each.name}.json") for each in planned())
-    return [read_json(path) for path in paths if path.exists()]
+    return [File(path).read_json() for path in paths if path.exists()]
 
 
 def _references() -> list[str]:
@@ -169,8 +169,8 @@ def _points(group: Sequence[Kept]) -> str:
     if len(group) == 1:
         receipt = group[0]["receipt"]
         low, high = receipt["interval"]
-        return f"{receipt['excess']:+.2f} [{low:+.2f}, {high:+.2f}]"
-    return f"{np.mean([each['receipt']['excess'] for each in group]):+.2f}"
+        return f"{receipt['excess']:+z.2f} [{low:+z.2f}, {high:+z.2f}]"
+    return f"{np.mean([each['receipt']['excess'] for each in group]):+z.2f}"
 
 
 def _ranked(ranks: Sequence[float]) -> str:
@@ -189,9 +189,9 @@ def _row(name: str, group: Sequence[Kept]) -> list[str]:
         name,
         str(len(group)),
         _points(group),
-        f"{share:.1%}",
+        f"{share:z.1%}",
         _ranked([each["p"] for each in receipts]),
-        f"{way:+.2f}",
+        f"{way:+z.2f}",
         _ranked([each["own_way"]["p"] for each in receipts]),
         *(
             f"{np.mean([each['test'][figure] for each in group]):.0%}"

@@ -115,6 +115,9 @@ class Planned:
         elsewhere = f" evaluate_on={self.evaluate_on}" * bool(self.evaluate_on)
         yield f"run.py {own} stages=train"
         yield f"run.py {own} stages=evaluate{elsewhere}"
+        if "protocol=authors" in self.options:
+            folder = Path("runs", self.kept).with_suffix("")
+            yield f"scripts/studies/try_authors.py {folder} data/labyrinth/{folder.parent.name}"
 
 
 def planned() -> Iterator[Planned]:

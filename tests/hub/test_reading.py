@@ -8,7 +8,7 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
-from huggingface_hub import constants
+from huggingface_hub import HfApi, constants
 from support.publishing import REPO
 
 from hub.conftest import CONFIG, put
@@ -21,6 +21,7 @@ from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.rows import rows_together
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.policies.load import located
+from labyrinth_core.policies.opening import files_of
 
 MODEL = "user/planner"
 SHARD = "train-00000-of-00001.parquet"
@@ -114,6 +115,17 @@ def test_errors_that_pass_are_got_over_and_others_told_in_one_line(
             assert f"what answers at {faulty.url} is not a Hub: " in refusal(asked)
 
 
+def test_a_wrong_revision_is_told_even_if_the_hub_does_not_say_which_there_are(
+    faulty: LocalHub,
+) -> None:
+    for body in (b"{}", b"null", b"<html>"):
+        faulty.faults.clear()
+        faulty.faults.answer("GET", "/refs$", status=200, body=body, times=UNLIMITED)
+        assert refusal(REPO, revision="2.0.0") == f"{REPO} has no revision 2.0.0"
+    faulty.faults.clear()
+    assert refusal(REPO, revision="2.0.0") == f"{REPO} has no revision 2.0.0, it has main"
+
+
 def test_how_long_an_answer_asks_to_wait_is_waited_unless_it_is_long(
     faulty: LocalHub, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -182,3 +194,40 @@ def test_weights_are_those_that_the_hub_and_its_list_name(faulty: LocalHub, list
     faulty.commit(MODEL, kind="model")
     with pytest.raises(DatasetError, match="the Hub answers 403"):
         located(MODEL, None)
+
+
+def test_a_policy_is_never_an_older_release_in_silence(
+    faulty: LocalHub, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    faulty.create_repo(MODEL, kind="model")
+    with pytest.raises(DatasetError, match=f"{MODEL} holds no policy: give model.safetensors and"):
+        files_of(MODEL)
+    faulty.commit(MODEL, "model.onnx", b"old", kind="model")
+    found = files_of(MODEL)
+    assert found.paths["model.onnx"].read_bytes() == b"old"
+    assert found.commit == faulty.refs(MODEL, "model")["refs/heads/main"]
+    faulty.commit(MODEL, "model.onnx", b"new", kind="model")
+    for answer in ({"status": 503}, {"status": 401}, {"status": 200, "body": b"{}"}):
+        faulty.faults.answer(*ASKING, times=UNLIMITED, **answer)
+        with pytest.raises(DatasetError, match=r"to read \w+, the newest commit of main that this"):
+            files_of(MODEL)
+        faulty.faults.clear()
+    with monkeypatch.context() as offline:
+        offline.setattr(constants, "HF_HUB_OFFLINE", True)
+        assert files_of(MODEL) == found
+        blob = found.paths["model.onnx"].resolve()
+        blob.write_bytes(b"odd")
+        with pytest.raises(DatasetError, match="is damaged: its content has not the hash that"):
+            files_of(MODEL)
+        blob.write_bytes(b"old")
+    assert files_of(MODEL).paths["model.onnx"].read_bytes() == b"new"
+    assert files_of(f"{MODEL}@{found.commit}") == found
+    (tmp_path / MODEL).mkdir(parents=True)
+    monkeypatch.chdir(tmp_path)
+    assert files_of(MODEL, found.commit, on_hub=True) == found
+
+
+def test_calls_of_others_are_retried_by_the_client_still(faulty: LocalHub) -> None:
+    assert values(REPO)
+    faulty.faults.fail("GET", "/tree/")
+    assert [*HfApi().list_repo_tree(REPO, repo_type="dataset")]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import threading
 from collections.abc import Mapping
@@ -14,6 +15,7 @@ from support.publishing import REPO
 
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
+from labyrinth_core.data import hub as client
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, Manifest
 from pipeline.machinery.artifact import HASHES
@@ -176,7 +178,7 @@ def test_a_tag_that_is_not_listed_yet_needs_no_other_version(empty: LocalHub, fo
     body = json.dumps(refs).encode()
     empty.faults.answer("GET", "/refs$", status=200, body=body, times=UNLIMITED)
     told = f"{REPO}: the Hub does not list the tag 1.0.0 yet: publish again"
-    assert refusal(folder) == told
+    assert refusal(folder).startswith(told)
     empty.faults.clear()
     release(folder)
     assert held(empty, "1.0.0") == hashes(folder)
@@ -184,6 +186,65 @@ def test_a_tag_that_is_not_listed_yet_needs_no_other_version(empty: LocalHub, fo
 
 def _ref(name: str, commit: str) -> Mapping[str, str]:
     return {"name": name, "ref": f"refs/heads/{name}", "targetCommit": commit}
+
+
+@pytest.mark.parametrize("call", [("GET", "/tree/"), ("PUT", "/lfs/"), ("POST", "/preupload/")])
+def test_a_call_that_the_client_retries_itself_is_retried_by_one_of_both(
+    empty: LocalHub, folder: Path, call: tuple[str, str]
+) -> None:
+    rule = empty.faults.fail(*call, times=UNLIMITED)
+    tries = len(client.WAITS) + 1
+    told = rf"the Hub answers 503: .* \(tried {tries} times in \d+ s\)"
+    assert re.fullmatch(told, refusal(folder))
+    assert UNLIMITED - rule.times == tries
+    empty.faults.clear()
+    dropped = empty.faults.drop(*call, times=UNLIMITED)
+    assert f"(tried {tries} times in" in refusal(folder)
+    assert UNLIMITED - dropped.times == tries
+    empty.faults.clear()
+    release(folder)
+
+
+def test_a_listing_that_never_ends_is_told_in_one_line(empty: LocalHub, folder: Path) -> None:
+    release(folder)
+    pages = f"{empty.url}/api/datasets/{REPO}/tree/main"
+    [*entries] = HfApi().list_repo_tree(REPO, repo_type="dataset")
+    files = [{"type": "file", "path": each.path, "oid": "0" * 40, "size": 1} for each in entries]
+    body, link = json.dumps(files).encode(), {"Link": f'<{pages}>; rel="next"'}
+    empty.faults.answer("GET", "/tree/", status=200, body=body, headers=link, times=UNLIMITED)
+    told = refusal(folder, "1.1.0")
+    assert told.startswith(f"{REPO}: the Hub lists {files[0]['path']} twice")
+
+
+@pytest.mark.parametrize("oid", ["main", None, 7, "0" * 39])
+def test_a_commit_under_a_name_that_is_none_is_found_by_its_tree(
+    empty: LocalHub, folder: Path, oid: object
+) -> None:
+    page = f"{empty.url}/datasets/{REPO}/commit/{oid}"
+    body = json.dumps({"commitOid": oid, "commitUrl": page, "pullRequestUrl": None}).encode()
+    empty.faults.answer(*COMMITTING, status=200, body=body, after=True)
+    release(folder)
+    assert held(empty, "1.0.0") == held(empty) == hashes(folder)
+
+
+def test_another_commit_than_the_one_in_question_is_not_verified(
+    empty: LocalHub, folder: Path
+) -> None:
+    first = empty.refs(REPO)["refs/heads/main"]
+    info = {"id": REPO, "sha": first, "siblings": []}
+    call = ("GET", "/revision/[0-9a-f]{40}$")
+    empty.faults.answer(*call, status=200, body=json.dumps(info).encode(), times=UNLIMITED)
+    assert "failed, so it is not tagged: user/labyrinth: the Hub does not describe" in refusal(
+        folder
+    )
+    empty.faults.clear()
+    refs = {"tags": [_ref("1.0.0", "main")], "converts": [], "branches": [_ref("main", first)]}
+    body = json.dumps(refs).encode()
+    empty.faults.answer("GET", "/refs$", status=200, body=body, times=UNLIMITED)
+    assert refusal(folder).startswith(f"{REPO}: the Hub calls a commit 'main'")
+    empty.faults.clear()
+    release(folder)
+    assert held(empty, "1.0.0") == hashes(folder)
 
 
 MOMENTS: dict[str, tuple[str, str]] = {

@@ -1,4 +1,4 @@
-"""Two small datasets with their card."""
+"""Two small datasets."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from support.making import make_both
 
 
 @pytest.fixture(scope="session")
-def carded(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder of two datasets with their card; not to be changed."""
-    return make_both(tmp_path_factory.mktemp("carded") / "labyrinth")
+def both(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of two datasets; not to be changed."""
+    return make_both(tmp_path_factory.mktemp("both") / "labyrinth")
 
 
 @pytest.fixture
-def folder(carded: Path, tmp_path: Path) -> Path:
+def folder(both: Path, tmp_path: Path) -> Path:
     """A copy of it, to be changed."""
-    return Path(shutil.copytree(carded, tmp_path / "copy"))
+    return Path(shutil.copytree(both, tmp_path / "copy"))

@@ -12,7 +12,7 @@ import pytest
 from support.composing import composed
 from support.policies import RELEASED
 
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
 
 pytestmark = pytest.mark.slow
 
@@ -30,12 +30,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         ((), "pipeline.questions.check:routes_of"),
     ],
-    "analyse": [((), "pipeline.inspection.counts:table_and_distances")],
+    "analyse": [((), "pipeline.inspection.counts:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
     "card": [((), "pipeline.inspection.statistics:_pair")],
     "report": [
         ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:table_and_distances"),
+        ((), "pipeline.inspection.counts:Solver"),
     ],
     "publish": [
         (
@@ -43,17 +43,17 @@ PLANTS = {
             "pipeline.release.publish:prepared_card",
         )
     ],
-    "export": [(("export=imitation",), "pipeline.export.stage:write_text")],
+    "export": [(("export=imitation",), "pipeline.export.stage:File")],
     "train": [
         ((*TRAINING, "overwrite=true"), "pipeline.training.loop:_select"),
-        (TRAINING, "labyrinth_core.policies.record:check_shape"),
+        (TRAINING, "labyrinth_core.data.typed:read_as"),
     ],
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
         ((*TRAINING, "overwrite=true"), "pipeline.evaluation.trained:require_same"),
     ],
-    "results": [((), "labyrinth_core.evaluation.results:check_shape")],
+    "results": [((), "labyrinth_core.data.typed:read_as")],
     "certify": [
         (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
         (
@@ -62,7 +62,7 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.all",
+            "labyrinth_core.benchmarks.tape:Tape.play",
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
@@ -76,7 +76,7 @@ PLANTS = {
 
 READERS = (
     "from_json",
-    "check_shape",
+    "read_as",
     "parse",
     "question",
     "_read",

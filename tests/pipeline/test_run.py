@@ -21,7 +21,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.version import __version__
 from pipeline.command.composed import DEFAULTS, OPTIONS
-from pipeline.config.stages import STAGES
+from pipeline.command.stages import STAGES
 
 resource = pytest.importorskip("resource")  # Not on Windows.
 pytestmark = pytest.mark.slow

@@ -13,17 +13,19 @@ import torch
 from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run
 
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.policies.networks.acting import outputs_of
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.solver import moves_of, simple_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 from pipeline.training.record import CHECKPOINT, RECORD
+from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
 
@@ -151,7 +153,7 @@ def test_the_solvers_first_route_in_depth_joins_and_need_not_be_shortest(
     states, labels = learner.states[before:], learner.labels[before:]
     begins = np.flatnonzero(np.isin(states, arrays.initial))
     assert len(begins) == 3
-    routes = [simple_routes(each, limit=1)[0] for each in arrays.labyrinths]
+    routes = [Solver(each).simple_routes(limit=1)[0] for each in arrays.labyrinths]
     for part, routed in zip(
         np.split(states, begins[1:]), np.split(labels, begins[1:]), strict=True
     ):
@@ -159,7 +161,7 @@ def test_the_solvers_first_route_in_depth_joins_and_need_not_be_shortest(
         assert arrays.goal[arrays.next_state[part[-1], routed[-1]]]
         assert np.array_equal(arrays.next_state[part[:-1], routed[:-1]], part[1:])
     without_walls = Labyrinth(Structure.without_walls(3, 3), 0, 2)
-    assert len(simple_routes(without_walls, limit=1)[0]) > moves_of(without_walls)
+    assert len(Solver(without_walls).simple_routes(limit=1)[0]) > Solver(without_walls).moves
 
 
 # GAIL.
@@ -340,6 +342,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     make_run: Callable[..., Run],
     tmp_path: Path,
     capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     run = make_run(
         small_dataset.data_dir,
@@ -355,10 +358,19 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     assert run.training_folder.name == "sqil-cnn-seed0-authors"
     assert {"validation_accuracy", "train_return"} <= record["selected"].keys()
     evaluate.run(run)
-    content = json.loads((run.training_folder / "results.json").read_text())
-    assert content["run"]["as_tried"].keys() == content["splits"].keys()
-    assert 0 <= content["run"]["as_tried"]["test"]["sr"] <= 1
-    assert "Evaluated as in the code of protocol=authors: train" in capsys.readouterr().out
+    results = Results.load(run.training_folder / "results.json").run
+    assert results is not None
+    assert results.as_tried is None
+    data = str(small_dataset.data_dir / "3x3")
+    monkeypatch.setattr("sys.argv", ["try_authors.py", str(run.training_folder), data])
+    try_authors.main()
+    assert "As in the code of the authors: train" in capsys.readouterr().out
+    found = Results.load(run.training_folder / "results.json")
+    assert found.run is not None
+    assert found.run.as_tried is not None
+    assert found.run.as_tried.keys() == found.splits.keys()
+    assert 0 < found.run.as_tried["test"]["sr"] <= 1
+    evaluate.run(run)  # The file is still the run's own.
 
 
 def test_the_usual_settings_are_refused_in_one_line() -> None:

@@ -11,7 +11,7 @@ import pytest
 import report_benchmarks as report
 from environments.generated import TEST, map_of
 
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 
 KEPT = sorted(study.KEPT.glob("*.json"))
 
@@ -20,7 +20,7 @@ def test_every_kept_certificate_is_of_the_list_or_of_records() -> None:
     planned = {each.name: each for each in study.benchmarks()}
     assert len(planned) > 25
     for path in KEPT:
-        arguments = read_json(path)["arguments"]
+        arguments = File(path).read_json()["arguments"]
         if arguments["environment"] == f"{path.stem}.jsonl":
             continue
         benchmark = planned[path.stem]
@@ -59,7 +59,7 @@ def test_what_is_kept_is_not_certified_again_and_a_failure_stops_nothing(
         assert "other: left out, no_such_package is not installed" in printed
         assert ("3 train seeds" in printed) == (again == 0)
     assert (tmp_path / study.SECONDS).read_text().startswith("FrozenLake4x4-v0,")
-    kept = read_json(tmp_path / "FrozenLake4x4-v0.json")
+    kept = File(tmp_path / "FrozenLake4x4-v0.json").read_json()
     assert kept["measures"]["state"]["of"] == 3
     records = tmp_path / "records"
     records.mkdir()
@@ -68,7 +68,7 @@ def test_what_is_kept_is_not_certified_again_and_a_failure_stops_nothing(
     arguments = ["certify_benchmarks.py", "--kept", str(tmp_path), "--records", str(records)]
     monkeypatch.setattr("sys.argv", arguments)
     study.main()
-    assert read_json(tmp_path / "game.json")["measures"]["first"]["count"] == 1
+    assert File(tmp_path / "game.json").read_json()["measures"]["first"]["count"] == 1
 
 
 def test_a_seed_chooses_the_map_and_the_split() -> None:
@@ -113,7 +113,7 @@ def test_procgen_has_a_row_for_each_game_and_view() -> None:
 
 
 def test_the_page_and_the_readme_lead_with_the_number_of_a_certificate() -> None:
-    kept = read_json(study.KEPT / "MiniGrid-LavaCrossingS9N2-v0.json")
+    kept = File(study.KEPT / "MiniGrid-LavaCrossingS9N2-v0.json").read_json()
     share = round(100 * kept["measures"]["state"]["share"])
     page, readme = (
         (study.KEPT.parents[2] / name).read_text(encoding="utf-8")

@@ -11,8 +11,8 @@ import compare_environments as environments
 import pytest
 from environments.summaries import Summary
 
-from labyrinth_core.world.labyrinth import LabyrinthError
-from pipeline.config.dataset import DatasetOptions, dataset_config
+from labyrinth_core.world.rules import LabyrinthError
+from pipeline.command.dataset import DatasetOptions, dataset_config
 
 pytestmark = pytest.mark.slow
 

@@ -18,7 +18,7 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     one_of_each = {each.kept.rpartition("-seed")[0]: each for each in queue.planned()}
     assert len(one_of_each) > 15
     for each in one_of_each.values():
-        *builds, train, evaluate = each.commands()
+        *builds, train, evaluate = (name for name in each.commands() if "try_authors" not in name)
         (program, *training), (_, *evaluation) = map(shlex.split, (train, evaluate))
         assert (queue.ROOT / program).exists()
         run = composed(*training)

@@ -11,7 +11,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.structure import Structure
 
 Place = tuple[int, int]
 Passages = frozenset[frozenset[Place]]

@@ -6,8 +6,8 @@ from hydra import compose, initialize_config_dir
 
 from pipeline.command.command_line import HYDRA, parsed, register
 from pipeline.command.composed import options_of
+from pipeline.command.method import CONF
 from pipeline.command.texts import as_given
-from pipeline.config.method import CONF
 from support.making import Run, RunConfig, resolve
 
 

@@ -159,7 +159,71 @@ class Late(Corridor):
         return self.length + level
 
 
-TWELVE: dict[Callable[[], Any], str] = {
+class SharedBuffer(Corridor):
+    """Its observation is a view of an array that all instances write."""
+
+    shared = np.zeros((3, 2), np.int64)
+
+    def look(self) -> Any:
+        self.shared[1] = super().look()
+        return self.shared[1]
+
+
+class SeedInInfo(Corridor):
+    def reset(self, *, seed: int | None = None, **_: Any) -> tuple[Any, dict[str, Any]]:
+        return super().reset(seed=seed)[0], {"seed": seed, "time": time.time()}
+
+
+class BytesInMemory(Corridor):
+    """Its observation is a new view of bytes each time."""
+
+    def look(self) -> Any:
+        return memoryview(super().look().tobytes())
+
+
+class SecondType(Corridor):
+    """The observations after a second reset have another type."""
+
+    resets = 0
+
+    def level_of(self, seed: int) -> int:
+        self.resets += 1
+        return super().level_of(seed)
+
+    def look(self) -> Any:
+        return super().look().astype(np.int64 if self.resets == 1 else np.int32)
+
+
+class LateClock(Corridor):
+    """Reads a clock after 20 steps."""
+
+    def look(self) -> Any:
+        return np.append(super().look(), time.time_ns() if self.steps > 20 else 0)
+
+
+class SpaceOfSeed(Corridor):
+    """The seed chooses which actions there are."""
+
+    action_space = gymnasium.spaces.Discrete(4)
+
+    def level_of(self, seed: int) -> int:
+        self.action_space = gymnasium.spaces.Discrete(2 + seed % 3)
+        return super().level_of(seed)
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        if not self.action_space.contains(action):
+            raise ValueError(f"no action {action}")
+        return super().step(action)
+
+
+class Unreadable:
+    """As a tensor that needs a gradient."""
+
+    def __array__(self, *_: Any, **__: Any) -> Any:
+        raise RuntimeError("use detach() first")
+
+
+DECEIVERS: dict[Callable[[], Any], str] = {
     GlobalRandom: "it draws from the global random state",
     HashSeed: "it depends on PYTHONHASHSEED",
     SeedIgnored: "it ignores the seed",
@@ -172,5 +236,9 @@ TWELVE: dict[Callable[[], Any], str] = {
     FailsAtTimes: "",
     Clock: "it reads a clock",
     SecondReset: "its levels depend on what was played before",
+    SharedBuffer: "",
+    SeedInInfo: "",
+    BytesInMemory: "",
+    SecondType: "its levels depend on what was played before",
 }
 """Environment -> what is said of it; nothing is said of those whose seeds mean something."""

@@ -9,9 +9,11 @@ import numpy as np
 
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.tasks import place
+from labyrinth_core.world.structure import Structure
+from labyrinth_core.world.tasks import Placer
 
 CHARACTERS = [
     *' |+-"SEKDIsex:,;()[]019\n\r\t\0\x1b\ufeff\u2028\xa0\xe9\U0001f600\ud800',
@@ -39,7 +41,7 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
         up = structure.up & int.from_bytes(rng.bytes(8), "little")
         structure = Structure(height, width, up, structure.right)
     try:
-        labyrinth = place(structure, start, goal, list(Task)[rng.integers(4)], rng)
+        labyrinth = Placer(rng).place(structure, start, goal, list(Task)[rng.integers(4)])
     except LabyrinthError:
         return random_labyrinth(rng)
     return labyrinth

@@ -9,10 +9,9 @@ from typing import Any, get_type_hints
 
 from labyrinth_core.evaluation.description import RunName
 from pipeline.command import composed
-from pipeline.config import training
-from pipeline.config.dataset import BucketsConfig
+from pipeline.command.dataset import BucketsConfig
+from pipeline.command.stages import STAGES
 from pipeline.config.stage import Job
-from pipeline.config.stages import STAGES
 from pipeline.generation import build
 
 
@@ -22,17 +21,17 @@ class Run(Job[Any]):
 
     @property
     def run_name(self) -> RunName:
-        return training.run_name(self)
+        return self.options.run_name(self.dataset)
 
     @property
     def training_folder(self) -> Path:
-        return training.training_folder(self)
+        return self.options.run_folder(self.dataset)
 
 
 def _derived(options: Any, name: str) -> Any:
-    """Return what a stage's class of options computes from its options."""
+    """Return what a stage's class of options has beside the options."""
     for stage in STAGES.values():
-        if isinstance(getattr(stage.options, name, None), property):
+        if hasattr(stage.options, name):
             return getattr(composed.part_of(options, stage.options), name)
     raise AttributeError(name)
 
@@ -82,10 +81,7 @@ def make(data_dir: Path, size: str, task: str = "navigation", **options: Any) ->
 
 
 def make_both(data_dir: Path) -> Path:
-    """Build two datasets, write their card, and return the folder of both."""
-    from pipeline.release import card  # It imports the Hub's client, which reads the environment.
-
+    """Build two datasets, and return the folder of both."""
     make(data_dir, "3x3", labyrinths=7, random_steps=25)
     make(data_dir, "3x4", "key_and_door", labyrinths=3, random_steps=25, solutions="all")
-    card.write_card(data_dir)
     return data_dir

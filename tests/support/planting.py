@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labyrinth_core.data.format import arrow_schema
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from support.tampering import manifest_of
@@ -47,7 +47,7 @@ def write(folder: Path, split: str, table: pa.Table) -> None:
     with manifest_of(folder) as content:
         entry = next(entry for entry in content["shards"] if entry["path"] == path.name)
         size = path.stat().st_size
-        entry.update(sha256=file_sha256(path), bytes=size, rows=len(table))
+        entry.update(sha256=File(path).sha256(), bytes=size, rows=len(table))
 
 
 def transposed(text: str) -> str:

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import (
     CONFIG,
-    POLICY,
     RECORD,
     WEIGHTS,
     NetworkSpec,
@@ -41,7 +40,7 @@ def lay_out_run(folder, spec, **run):
     for weights in network.parameters():
         torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
     described = {"network": json.dumps(asdict(spec.network))}
-    save_file(network.state_dict(), folder / POLICY, described)
+    save_file(network.state_dict(), folder / WEIGHTS, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
     method = "bc" if spec.own is None else spec.network.encoder
     content = {
@@ -65,8 +64,10 @@ def lay_out_run(folder, spec, **run):
         "epochs": 1,
         "selected": {"epoch": 1},
         "history": [{"epoch": 1}],
-        "files": {POLICY: file_sha256(folder / POLICY)},
+        "files": {WEIGHTS: File(folder / WEIGHTS).sha256()},
     }
+    spec = PolicySpec.of_run(spec.network, content["run"])
+    (folder / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
     (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
     return folder
 
@@ -138,6 +139,6 @@ def mistaken(arrays, share, seed=0):
 def lay_out_released(folder):
     """Write the planner that was released into a folder, as the Hub would hold it; return it."""
     folder.mkdir(parents=True)
-    shutil.copyfile(RELEASED / "policy.safetensors", folder / WEIGHTS)
+    shutil.copyfile(RELEASED / "model.safetensors", folder / WEIGHTS)
     (folder / CONFIG).write_text(json.dumps(RELEASED_SPEC.to_json()), encoding="utf-8")
     return folder

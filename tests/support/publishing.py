@@ -61,6 +61,7 @@ def environment(hub: LocalHub, token: str | None = "write", **more: str) -> dict
     path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     # Without a git repository: a commit to it during the tests would change the card.
     own = {"TMPDIR": str(temporary), "PYTHONPATH": path, "GIT_DIR": str(temporary)}
+    own |= {"QUICK_PYTHON_SLEEP": "0.02"}
     variables = hub.env(token) | own
     return variables | {"XDG_CACHE_HOME": variables["HF_HOME"]} | more
 

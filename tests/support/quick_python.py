@@ -3,8 +3,11 @@
 Most of the time of a short command goes into importing NumPy, pandas, Arrow and Hydra, and the
 tests run hundreds. `[python(), "run.py", ...]` is a process like that of `sys.executable`: it has
 arguments, environment, folder, files and an exit status of its own, and it can be killed. It
-imports this project itself, and so all that reads the environment when it is imported, such as
-`huggingface_hub`. It is not for tests of other signals, of memory or of seeds of hashes.
+imports itself what reads the environment when it is imported, such as `huggingface_hub`. It is not
+for tests of imports, of other signals, of memory or of seeds of hashes.
+
+With `QUICK_PYTHON_SLEEP=0.05` in its environment, it and the processes that it starts sleep a
+twentieth of the time: what a client of the Hub waits before it repeats a call.
 
 As a program, this module is the process that is forked.
 """
@@ -42,6 +45,9 @@ LIBRARIES = (
     *("torch", "safetensors.torch", "httpcore2", "truststore", "xml.etree.ElementTree"),
 )
 """What takes long to be imported, and reads nothing then that a test sets in the environment."""
+
+OURS = ("pipeline.command.launch", "pipeline.generation.build", "pipeline.generation.check")
+"""Modules of this project that most commands import; none of them may import the Hub's client."""
 
 LAUNCHER = """#!{python} -ISs
 import json, os, socket, sys
@@ -86,28 +92,53 @@ def python() -> str:
     return str(launcher)
 
 
-def serve(address: str, launcher: str) -> socket.socket:
-    """Fork a process for each call, and return there the connection with the caller."""
-    parent = os.getppid()
+def serve(address: str, launcher: str) -> None:
+    """Fork a process for each call, and return there, as its caller asks; tell how each ended."""
+    parent, root = os.getppid(), str(Path(__file__).parents[2])
     for name in LIBRARIES:
         with suppress(ModuleNotFoundError):  # Earlier versions of the Hub's client have httpx.
             import_module(name)
+    sys.path.insert(0, root)
+    for name in OURS:
+        import_module(name)
+    sys.path.remove(root)
+    assert "huggingface_hub" not in sys.modules
     sys.executable = launcher
     gc.freeze()  # What is there is shared by all, and never looked through.
-    with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(f"{address}.new")
-        listening.listen(64)
-        listening.settimeout(1.0)
-        Path(f"{address}.new").rename(address)
-        while os.getppid() == parent:
-            with suppress(ChildProcessError):
-                while os.waitpid(-1, os.WNOHANG)[0]:
+    running: dict[int, tuple[int, socket.socket]] = {}  # By a file that can be read at the end.
+    listening = socket.socket(socket.AF_UNIX)
+    listening.bind(f"{address}.new")
+    listening.listen(64)
+    Path(f"{address}.new").rename(address)
+    while os.getppid() == parent:
+        callers = {caller: ended for ended, (_, caller) in running.items()}
+        ready, _, _ = select.select([listening, *running, *callers], [], [], 1.0)
+        for each in ready:
+            if each is listening:
+                caller, _ = listening.accept()
+                try:
+                    asked = _asked_by(caller)
+                except (OSError, ValueError):  # The caller was killed before it had asked.
+                    caller.close()
                     continue
-            with suppress(TimeoutError):
-                connection, _ = listening.accept()
-                if _fork() == 0:
-                    return connection
-                connection.close()
+                if (child := _fork()) == 0:
+                    for file in (listening, caller, *callers):
+                        file.close()
+                    for ended in running:
+                        os.close(ended)
+                    return _become(*asked)
+                for file in asked[0]:
+                    os.close(file)
+                _begin_group(child)
+                running[os.pidfd_open(child)] = child, caller
+            elif each in callers and callers[each] in running:
+                os.killpg(running[callers[each]][0], signal.SIGKILL)  # The caller has gone.
+            elif each in running:
+                child, caller = running.pop(each)
+                _, status = os.waitpid(child, 0)
+                os.close(each)
+                with caller, suppress(OSError):
+                    caller.send(status.to_bytes(4, "little"))
     shutil.rmtree(Path(address).parent)  # For a parent that was killed, as xdist's may be.
     sys.exit()
 
@@ -119,17 +150,25 @@ def _fork() -> int:
         return os.fork()
 
 
-def begin(connection: socket.socket) -> None:
-    """Return in a process that is as its caller asks; another one waits for its end."""
-    connection.settimeout(None)
-    _, files, *_ = socket.recv_fds(connection, 1, 3)
-    with connection.makefile("rb") as incoming:
+def _asked_by(caller: socket.socket) -> tuple[list[int], list[str], dict[str, str], str]:
+    """Return the three files, the arguments, the environment and the folder that a caller sends."""
+    _, files, *_ = socket.recv_fds(caller, 1, 3)
+    with caller.makefile("rb") as incoming:
         size = int.from_bytes(incoming.read(8), "little")
-        arguments, environment, folder = json.loads(incoming.read(size))
-    if (child := _fork()) != 0:
-        _wait_for(child, connection)
-    os.setpgid(0, 0)
-    connection.close()
+        return files, *json.loads(incoming.read(size))
+
+
+def _begin_group(process: int) -> None:
+    """Make a process a group of its own; both it and the server call this, whoever is first."""
+    with suppress(OSError):
+        os.setpgid(process, process)
+
+
+def _become(
+    files: list[int], arguments: list[str], environment: dict[str, str], folder: str
+) -> None:
+    """Take over what a caller gives to its process."""
+    _begin_group(os.getpid())
     for number, file in enumerate(files):
         os.dup2(file, number)
         os.close(file)
@@ -142,24 +181,9 @@ def begin(connection: socket.socket) -> None:
     os.environ.update(environment)
     tempfile.tempdir = None
     sys.argv[:] = arguments
-
-
-def _wait_for(child: int, connection: socket.socket) -> None:
-    """Tell the caller how a process ended, or kill it and what it started if the caller has gone.
-
-    It is a group of its own, which begins as soon as either of the two processes says so.
-    """
-    with suppress(OSError):
-        os.setpgid(child, child)
-    os.closerange(0, 3)
-    ended = os.pidfd_open(child)
-    ready, _, _ = select.select([connection, ended], [], [])
-    if ended not in ready:
-        os.killpg(child, signal.SIGKILL)
-    _, status = os.waitpid(child, 0)
-    with suppress(ConnectionError):
-        connection.send(status.to_bytes(4, "little"))
-    os._exit(0)
+    if share := environment.get("QUICK_PYTHON_SLEEP"):
+        sleep = time.sleep
+        time.sleep = lambda seconds: sleep(seconds * float(share))
 
 
 def go_on() -> None:
@@ -200,7 +224,7 @@ def end(status: int) -> None:
 
 
 if __name__ == "__main__":
-    begin(serve(*sys.argv[1:]))
+    serve(*sys.argv[1:])
     try:
         go_on()
     except SystemExit as ended:

@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.dynamics import STEP_LIMIT
+from labyrinth_core.world.rules import RULES
 from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"
@@ -91,7 +91,7 @@ def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:
         if split == "test":
             outcomes[seed : seed + 2] = "loop"
         cells = known.data.manifest.config.height * known.data.manifest.config.width
-        moves = np.where(outcomes == "solved", right.distance, STEP_LIMIT * cells)
+        moves = np.where(outcomes == "solved", right.distance, RULES.step_limit * cells)
         episodes = Episodes(outcomes, moves, cells)
         about = right.labyrinth_ids, right.distance, 1.0, 0.0, right.known_route
         splits[split] = Scores(episodes, *about)

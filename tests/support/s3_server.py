@@ -1,4 +1,4 @@
-"""moto's S3, served on loopback, with a fault for the requests that a test chooses."""
+"""Object stores: one in memory, and moto's S3 on loopback with faults that a test chooses."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ import logging
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
+import fsspec
+import pytest
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
+
+from labyrinth_core.data.storage import RemotePath
 
 Fault = Callable[[str, str], bool]
 
@@ -49,3 +55,41 @@ def serving() -> Iterator[tuple[S3Server, str]]:
         server.shutdown()
         thread.join()
         server.server_close()
+
+
+@pytest.fixture
+def memory() -> Iterator[str]:
+    """The URL of a folder in memory, whose name looks like a pattern."""
+    name = uuid4().hex
+    yield f"memory://{name}/run [5x5]*"
+    filesystem = fsspec.filesystem("memory")
+    if filesystem.exists(f"/{name}"):
+        filesystem.rm(f"/{name}", recursive=True)
+
+
+@pytest.fixture(scope="module")
+def server() -> Iterator[S3Server]:
+    with serving() as (server, address), pytest.MonkeyPatch.context() as patch:
+        patch.setenv("AWS_ENDPOINT_URL", address)
+        patch.setenv("AWS_ACCESS_KEY_ID", "nobody")
+        patch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
+        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
+        fsspec.get_filesystem_class("s3").clear_instance_cache()  # Of another server's address.
+        yield server
+
+
+@pytest.fixture
+def bucket(server: S3Server) -> Iterator[str]:
+    """The URL of a folder in a new bucket, whose name looks like a pattern."""
+    name = uuid4().hex
+    fsspec.filesystem("s3", use_listings_cache=False).mkdir(name)
+    server.requests.clear()
+    yield f"s3://{name}/run [5x5]*"
+    server.fault = lambda _method, _path: False
+
+
+def content_of(folder: Path | RemotePath) -> dict[str, bytes]:
+    """Return the content of all files of a folder, and of those in it."""
+    files = [*folder.glob("*"), *folder.glob("*/*"), *folder.glob(".*"), *folder.glob(".*/*")]
+    prefix = len(str(folder)) + 1
+    return {str(p)[prefix:].replace("\\", "/"): p.read_bytes() for p in files if p.is_file()}

@@ -8,6 +8,7 @@ import json
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -20,13 +21,13 @@ from PIL import Image
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import NUMBERS, arrow_schema
 from labyrinth_core.data.manifest import MANIFEST, Manifest
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
@@ -49,6 +50,24 @@ def content_of(folder: Path) -> dict[str, bytes]:
 def cut_short(path: Path) -> None:
     """Remove the last byte of a file."""
     path.write_bytes(path.read_bytes()[:-1])
+
+
+def linked(folder: Path, store: Path) -> dict[str, bytes]:
+    """Put the files of a folder into a store, a link in the place of each; return the store's."""
+    for path in [each for each in folder.rglob("*") if each.is_file()]:
+        place = store / path.relative_to(folder)
+        place.parent.mkdir(parents=True, exist_ok=True)
+        path.rename(place)
+        path.symlink_to(place)
+    return content_of(store)
+
+
+def folder_behind_link(link: Path, tmp_path: Path) -> Path:
+    """Make a link to a new empty folder elsewhere; return that folder."""
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    link.symlink_to(elsewhere)
+    return elsewhere
 
 
 def identities(folder: Path) -> dict[str, tuple[int, int]]:
@@ -96,7 +115,7 @@ def put_shards(
             for begin, end in pairwise([*groups_of(table), len(table)]):
                 writer.write_table(table.slice(begin, end - begin), row_group_size=end - begin)
         made = {"path": path.name, "rows": len(table), "bytes": path.stat().st_size}
-        made |= {"sha256": file_sha256(path)}
+        made |= {"sha256": File(path).sha256()}
         if "info" in table.column_names:
             made |= {"labyrinths": len(table["info"].unique())}
         shards.append(replace(old[min(number, len(old) - 1)], **made))
@@ -123,7 +142,7 @@ def agree(folder: Path, file: str, rows: Rows) -> None:
         "rows": len(rows),
         "longest": max(end - start for start, end in pairwise([*starts, len(rows)])) - 1,
         "bytes": (folder / file).stat().st_size,
-        "sha256": file_sha256(folder / file),
+        "sha256": File(folder / file).sha256(),
         "fingerprint": fingerprint(rows),
     }
     with manifest_of(folder) as content:
@@ -136,17 +155,15 @@ def episode_starts(rows: Rows) -> list[int]:
 
 def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
     """Return the fingerprint of rows, their pictures decoded by Pillow."""
-    digests: dict[bytes, bytes] = {}
     fingerprint = Fingerprint()
     for row in rows:
-        png = row["obs"]["bytes"]
-        if png not in digests:
-            digests[png] = picture_digest_of(png)
         numbers = tuple(row[column.name] for column in NUMBERS)
-        fingerprint.update([Row(b"", "", numbers, row["info"], digests[png])])
+        digest = picture_digest_of(row["obs"]["bytes"])
+        fingerprint.update([Row(b"", "", numbers, row["info"], digest)])
     return fingerprint.hexdigest()
 
 
+@lru_cache(20_000)  # Tests change a few pictures of the same dataset.
 def picture_digest_of(png: bytes) -> bytes:
     try:
         picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))
@@ -186,7 +203,7 @@ def replace_first(folder: Path, split: str, change: Callable[[Labyrinth], Labyri
         first = [row for row in rows if row["info"] == rows[0]["info"]]
         number = int(first[0]["obs"]["path"].split("-")[1])
         labyrinth = change(parse(first[0]["info"]))
-        route = shortest_routes(labyrinth)[0]
+        route = Solver(labyrinth).shortest_routes()[0]
         rows[: len(first)] = episode_rows(split, number, labyrinth, route)
 
 

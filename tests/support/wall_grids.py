@@ -6,7 +6,8 @@ import io
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.structure import Structure
 
 GRID = np.array(
     [

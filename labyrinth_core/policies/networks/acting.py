@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.networks.symmetry import Averaged
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 BATCH = 64
 """Observations per forward pass without gradients; with more, layers exceed caches."""
@@ -73,6 +74,9 @@ class NetworkPolicy:
 
 class LoadedPolicy(NetworkPolicy):
     """The policy of a loaded network."""
+
+    run: TrainedRun | None = None
+    """The training run that made it, if it is known."""
 
     def __init__(self, network: nn.Module, spec: PolicySpec) -> None:
         super().__init__(network)
@@ -132,6 +136,9 @@ class LoadedMapper(MapperPolicy):
 
     `for_labyrinths` returns the same policy for labyrinths of another size.
     """
+
+    run: TrainedRun | None = None
+    """The training run that made it, if it is known."""
 
     def __init__(self, network: Mapper, spec: PolicySpec) -> None:
         super().__init__(network, spec.network.height, spec.network.width)

@@ -13,10 +13,8 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.spec import NetworkSpec
-from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Action, Task
 
 ACTIONS = len(Action)
 SLOPE = 0.01
@@ -121,7 +119,7 @@ class Mlp(nn.Module):
 
     def __init__(self, spec: NetworkSpec, frames: int = 1) -> None:
         super().__init__()
-        self.tiles = tile_count(Task(spec.task))
+        self.tiles = Task(spec.task).rules.positions
         self.grid = (2 * spec.height - 1) * (2 * spec.width - 1)
         inputs = frames * (self.tiles * (self.grid + 1) + self.grid)
         self.layer = nn.Linear(inputs, WIDTH)

@@ -52,7 +52,7 @@ function receiptsOf({ name, config, runs }) {
 
 const inPoints = ({ excess, interval: [low, high] }) =>
   `${signed(excess)} [${signed(low)}, ${signed(high)}]`;
-const signed = (points) => (points < 0 ? "−" : "+") + Math.abs(points).toFixed(2);
+const signed = (points) => (points <= -0.005 ? "−" : "+") + Math.abs(points).toFixed(2);
 const most = (shares) => shares.indexOf(Math.max(...shares));
 
 /** Return a state and its twin side by side; null if this file lacks one of the labyrinths. */

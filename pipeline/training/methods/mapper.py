@@ -32,10 +32,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
@@ -47,8 +47,7 @@ from labyrinth_core.policies.networks.slots import (
     places_of,
 )
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from pipeline.config.errors import check
 
 
@@ -156,7 +155,7 @@ class Method(Learner):
         found = []
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
-            view = (labyrinth, state_at(labyrinth, int(arrays.state[state])))
+            view = (labyrinth, labyrinth.state_at(int(arrays.state[state])))
             found.append(Slots.of(spec.look([view])[0]))
         return found
 

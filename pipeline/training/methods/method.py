@@ -17,9 +17,8 @@ from labyrinth_core.learning.learner import BaseSettings, Learner
 from labyrinth_core.learning.learner import Problem as Problem
 from labyrinth_core.learning.learner import setting as setting
 from pipeline.config.errors import check, listed
-from pipeline.config.method import METHODS, target_of
 from pipeline.config.option import check_options, frozen
-from pipeline.config.training import TrainingOptions, named
+from pipeline.config.training import METHODS, TrainingOptions
 
 
 def find(
@@ -62,7 +61,8 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
     Raises:
         ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
     """
-    method = named(f"method._target_={target_of(name)}", name)
+    options = TrainingOptions(method={"name": name})
+    method, title = options.users_method(), options.method_title
     classes = getattr(method, "__mro__", ())
     modules = [name.partition(":")[0], *(each.__module__ for each in classes)]
     declared = (getattr(import_module(each), "Settings", None) for each in modules)
@@ -78,7 +78,6 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
         and "__dataclass_fields__" in vars(settings),
         f"method={name}: its Settings class has to be a dataclass that inherits from BaseSettings",
     )
-    title = TrainingOptions(method={"name": name}).method_title
     check(
         method.protocol is not None or title.lower() not in METHODS,
         f"method={name}: {title} is the name of another method; rename the class or the module",

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from environments.discretisation import Discretisation
 from environments.environment import Environment
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 from pipeline.inspection.shift import Floats
 
 
@@ -61,7 +61,7 @@ class Summary:
         """Write the summary to a file, atomically."""
         content = io.BytesIO()
         np.savez_compressed(content, **vars(self))
-        write_bytes(path, content.getvalue())
+        File(path).write_bytes(content.getvalue())
 
     @classmethod
     def load(cls, path: Path) -> Summary | None:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from environments.discretisation import Discretisation
 from environments.environment import FACTS
 from environments.variation import Variation
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.entry import as_csv
 
@@ -84,7 +84,7 @@ def write_report(
     }
     files = {name: text.encode() for name, text in texts.items()} | drawn_visits(maps)
     for name, content in files.items():
-        write_bytes(folder / name, content)
+        File(folder / name).write_bytes(content)
 
 
 def _csv(values: Sequence[Values]) -> str:

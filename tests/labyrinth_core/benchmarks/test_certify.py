@@ -13,7 +13,7 @@ import gymnasium
 import numpy as np
 import pytest
 from support import deceiving
-from support.deceiving import TWELVE, Corridor, FailsAtTimes, HashSeed, Late
+from support.deceiving import DECEIVERS, Corridor, FailsAtTimes, HashSeed, Late, Unreadable
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import CertifyError, certification, repeats
@@ -30,13 +30,13 @@ def one_interpreter(monkeypatch):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("deceiver", TWELVE, ids=lambda each: each.__name__)
+@pytest.mark.parametrize("deceiver", DECEIVERS, ids=lambda each: each.__name__)
 def test_an_environment_that_deceives_gets_the_right_word_and_no_wrong_share(deceiver):
     found = quick(deceiver, range(6), range(100, 160))
-    if TWELVE[deceiver]:
+    if DECEIVERS[deceiver]:
         assert found.first is found.probes is found.levels is None
-        assert all(reason.startswith(TWELVE[deceiver]) for reason in found.reasons.values())
-        assert TWELVE[deceiver] in str(found)
+        assert all(reason.startswith(DECEIVERS[deceiver]) for reason in found.reasons.values())
+        assert DECEIVERS[deceiver] in str(found)
         assert "cannot be given" in found.sentence
         assert ("in new interpreters" in found.checked) == (deceiver is HashSeed)
         with pytest.raises(CertifyError, match="no level can be told from another"):
@@ -74,6 +74,26 @@ def test_what_differs_is_named_by_seed_step_and_part():
     assert steps.probes is None
     assert "step 1 of probe 1, observation: [0, " in steps.reasons["probes"]
     assert steps.levels.by == "first"
+    second = quick(deceiving.SecondType, range(9), range(9, 20))
+    assert "observation.dtype: int64, then int32" in second.reasons["first"]
+
+    early = quick(deceiving.LateClock, range(9), range(9, 20))
+    assert early.reasons == {}
+    late = quick(deceiving.LateClock, range(9), range(9, 20), steps=32)
+    assert late.first.count == early.probes.count == 9
+    assert late.reasons["probes"].startswith("it reads a clock")
+    assert "at step 21 of probe " in late.reasons["probes"]
+
+
+@pytest.mark.usefixtures("one_interpreter")
+def test_an_action_space_that_the_seed_chooses_is_named():
+    found = quick(deceiving.SpaceOfSeed, range(6), range(100, 130))
+    (note,) = found.notes
+    assert note.endswith(
+        "differs: Discrete(2) at seed 0, Discrete(3) at seed 1, Discrete(4) at seed 5"
+    )
+    assert note in found.sentence
+    assert "no action 3" in dict(found.train.failed)[0]
 
 
 @pytest.mark.usefixtures("one_interpreter")
@@ -163,7 +183,7 @@ def test_levels_that_follow_a_hash_stand_only_where_its_seed_is_fixed(tmp_path):
     )
     assert f"only with PYTHONHASHSEED=5: {HASHES}, seed 0 differs at step 0" in done.stdout
     assert "in train" in done.stdout
-    assert HashSeed in TWELVE
+    assert HashSeed in DECEIVERS
 
 
 @pytest.mark.slow
@@ -338,7 +358,15 @@ def test_an_environment_that_exits_or_cannot_be_closed_fails_at_that_seed_alone(
 def test_what_cannot_be_compared_is_a_failure_and_no_share():
     class Opaque(Corridor):
         def look(self):
-            return object()
+            return self.seen
 
-    with pytest.raises(CertifyError, match="a value of type object cannot be compared"):
-        quick(Opaque, range(3), range(3, 6))
+    inside = {}
+    inside["itself"] = inside
+    for seen, message in (
+        (object(), "a value of type object cannot be compared"),
+        (Unreadable(), r"Unreadable: use detach\(\) first"),
+        (inside, "a value contains itself"),
+    ):
+        Opaque.seen = seen
+        with pytest.raises(CertifyError, match=f"fails at each of 6 seeds; seed 0: {message}"):
+            quick(Opaque, range(3), range(3, 6))

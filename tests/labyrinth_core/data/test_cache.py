@@ -18,7 +18,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 
 NOT_CACHED = "optimal", "columns"
 FIELDS = [field.name for field in fields(Transitions) if field.name not in NOT_CACHED]
@@ -67,7 +67,7 @@ def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_
     (cache / f".{NAME}.lock").touch()
     load_few(cache / NAME)
     assert only_folder(cache).name == NAME
-    with locked(cache / f".{NAME}.lock"):
+    with LocalFile(cache / f".{NAME}.lock").locked():
         load_few(cache / NAME)
         assert (cache / f".{NAME}.lock").exists()
 
@@ -268,11 +268,13 @@ def test_a_large_cache_is_announced_when_it_is_made(cache, monkeypatch):
 def test_who_waits_takes_what_the_other_has_made(cache, monkeypatch):
     written, found, barrier = [], [], threading.Barrier(8)
 
-    def locked_by_one_of_all(path):
-        barrier.wait(timeout=60)
-        return locked(path)
+    locked = LocalFile.locked
 
-    monkeypatch.setattr(caching, "locked", locked_by_one_of_all)
+    def locked_by_one_of_all(lock):
+        barrier.wait(timeout=60)
+        return locked(lock)
+
+    monkeypatch.setattr(LocalFile, "locked", locked_by_one_of_all)
     threads = [
         threading.Thread(target=lambda: found.append(load_few(cache / NAME, written)))
         for _ in range(8)
@@ -301,7 +303,7 @@ def test_a_folder_that_another_process_writes_is_not_taken_for_a_leftover(cache)
     unfinished = cache / f".{NAME}"
     unfinished.mkdir(parents=True)
     (unfinished / FRAMES).touch()
-    with locked(cache / f".{NAME}.lock"):
+    with LocalFile(cache / f".{NAME}.lock").locked():
         load_few(cache / OTHER)
         assert (unfinished / FRAMES).exists()
 

@@ -32,7 +32,7 @@ from labyrinth_core import (
 )
 from labyrinth_core.data import hub
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.notebooks import WIDTH, register
 
 LONG = pc.field("moves") >= 5
@@ -243,7 +243,7 @@ def test_a_table_with_impossible_numbers_of_episodes_is_refused(
     place = table.column_names.index("episodes")
     column = pa.array([episodes] * len(table), table.schema.field(place).type)
     pq.write_table(table.set_column(place, table.schema.field(place), column), folder / TABLE)
-    described = TableFile(1, file_sha256(folder / TABLE))
+    described = TableFile(1, File(folder / TABLE).sha256())
     replace(Manifest.read(folder), labyrinths=described).write(folder)
     with pytest.raises(DatasetError, match="does not match the shards of split=train"):
         Dataset(folder.parent, "3x4")["train"].sample_episodes(1)

@@ -20,8 +20,8 @@ from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import optimal_actions
-from pipeline.config.dataset import DemonstrationsConfig
+from labyrinth_core.world.solver import Solver
+from pipeline.command.dataset import DemonstrationsConfig
 
 BUILDS = {
     "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},
@@ -113,7 +113,7 @@ def test_optimal_actions_are_those_of_each_state(run):
         for block in replayed(rows_of(run, split)):
             for which, state, acts in zip(block.which, block.states, block.acting, strict=True):
                 if acts:
-                    expected.append(optimal_actions(block.parsed()[which])[state])
+                    expected.append(Solver(block.parsed()[which]).optimal_actions()[state])
         np.testing.assert_array_equal(transitions.optimal, expected)
 
 

@@ -11,8 +11,6 @@ from hub.local_hub import LocalHub
 from support.making import make
 from support.publishing import REPO, run_script
 
-from pipeline.release.card import write_card
-
 pytestmark = pytest.mark.slow
 
 LOAD = "lib.load_transitions('user/labyrinth', config='2x3', split='train')"
@@ -36,10 +34,9 @@ def hub(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalHub]:
     folder = tmp_path_factory.mktemp("hub")
     data = folder / "labyrinth"
     make(data, "2x3", labyrinths=3)
-    write_card(data)
     with LocalHub(folder / "hub") as hub:
         hub.create_repo(REPO)
-        for path in (data / "README.md", *data.glob("2x3/*")):
+        for path in data.glob("2x3/*"):
             hub.commit(REPO, path.relative_to(data).as_posix(), path.read_bytes())
         yield hub
 

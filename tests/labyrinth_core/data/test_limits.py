@@ -1,6 +1,7 @@
 """Files of strangers that claim more than they hold: the memory that reading them takes.
 
-Each is read in a process that may not take more memory than the limit.
+Each is read in a process that may not take more memory than the limit. These processes are forked
+from one that has imported the libraries.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import json
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -26,14 +27,14 @@ from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
 from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.generation.table import arrow_schema
 
 MOST = 700 << 20
 """Bytes of memory beyond those of the libraries."""
 
 PROGRAM = """
-import resource, sys
+import os, pathlib, resource, sys
 import numpy, pyarrow, pyarrow.acero, pyarrow.compute as pc, pyarrow.dataset, pyarrow.parquet
 import labyrinth_core
 from labyrinth_core import (
@@ -44,11 +45,7 @@ from pipeline.generation.check import validate
 from pipeline.generation.table import structures_in
 from labyrinth_core.data.manifest import Manifest
 
-where, most = sys.argv[1], int(sys.argv[2])
 pyarrow.set_cpu_count(1)  # Each thread reserves addresses that it does not use.
-status = open("/proc/self/status").read()
-held = int(status.partition("VmSize:")[2].split()[0]) << 10
-resource.setrlimit(resource.RLIMIT_AS, (held + most,) * 2)
 moves = pc.field("moves") > 0
 task = pc.field("task") == "navigation"
 vector = {"observation": "vector"}
@@ -65,25 +62,50 @@ WAYS = {
     "validate": lambda: print(validate(Dataset.at(path))),
     "structures": lambda: structures_in(Dataset.at(path)),
 }
-import pathlib
-path = pathlib.Path(where, "3x3")
-for name, way in WAYS.items():
-    try:
-        way()
-    except DatasetError as error:
-        assert "\\n" not in str(error), error
-        print(name, error)
-    else:
-        print(name, "is read")
+def read(most):
+    status = open("/proc/self/status").read()
+    held = int(status.partition("VmSize:")[2].split()[0]) << 10
+    resource.setrlimit(resource.RLIMIT_AS, (held + most,) * 2)
+    for name, way in WAYS.items():
+        try:
+            way()
+        except DatasetError as error:
+            assert "\\n" not in str(error), error
+            print(name, error)
+        else:
+            print(name, "is read")
+
+for line in sys.stdin:
+    where = line.strip()
+    path = pathlib.Path(where, "3x3")
+    if (child := os.fork()) == 0:
+        read(int(sys.argv[1]))
+        break
+    print("status", os.waitpid(child, 0)[1], flush=True)
 """
 
+Outcome = Callable[[Path], list[str]]
 
-def outcome(folder: Path) -> str:
-    """Return what reading a dataset in every way prints, with little memory."""
-    command = [sys.executable, "-c", PROGRAM, str(folder), str(MOST)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return done.stdout
+
+@pytest.fixture(scope="module")
+def outcome() -> Iterator[Outcome]:
+    """A function that returns what reading a dataset in every way prints, with little memory."""
+    command = [sys.executable, "-c", PROGRAM, str(MOST)]
+    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(command, **pipes) as process:
+
+        def printed(folder: Path) -> list[str]:
+            process.stdin.write(f"{folder}\n")
+            process.stdin.flush()
+            lines = []
+            while not (line := process.stdout.readline()).startswith("status "):
+                assert line, "the process has ended"
+                lines.append(line.strip())
+            assert line == "status 0\n", line
+            return lines
+
+        yield printed
+        process.stdin.close()
 
 
 @pytest.fixture
@@ -112,7 +134,7 @@ def put_shard(folder: Path, columns: dict[str, Any], padding: int = 0, **options
     table = pa.table(columns)
     pq.write_table(table, path, compression="zstd", store_schema=False, **options)
     pad(path, padding)
-    made = {"rows": len(table), "bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    made = {"rows": len(table), "bytes": path.stat().st_size, "sha256": File(path).sha256()}
     claim(folder, **made)
 
 
@@ -132,7 +154,7 @@ def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> Non
     manifest = Manifest.read(folder)
     train = [shard for shard in manifest.shards if shard.split == "train"]
     shards = tuple(replace(shard, labyrinths=count) for shard in train)
-    made = TableFile(path.stat().st_size, file_sha256(path))
+    made = TableFile(path.stat().st_size, File(path).sha256())
     replace(manifest, shards=shards, labyrinths=made).write(folder)
 
 
@@ -245,17 +267,17 @@ FILES = {
 @pytest.mark.slow
 @pytest.mark.parametrize(("make", "messages"), FILES.values(), ids=FILES)
 def test_a_small_file_takes_little_memory(
-    folder: Path, make: Callable[[Path], object], messages: tuple[str, ...]
+    folder: Path, outcome: Outcome, make: Callable[[Path], object], messages: tuple[str, ...]
 ) -> None:
     make(folder)
-    printed = outcome(folder.parent)
+    printed = "\n".join(outcome(folder.parent))
     for message in messages:
         assert message in printed
 
 
 @pytest.mark.slow
-def test_a_sound_dataset_is_read_within_the_same_limit(folder: Path) -> None:
-    lines = outcome(folder.parent).splitlines()
+def test_a_sound_dataset_is_read_within_the_same_limit(folder: Path, outcome: Outcome) -> None:
+    lines = outcome(folder.parent)
     assert [line for line in lines if not line.endswith("is read")] == ["[]"]
 
 

@@ -27,8 +27,8 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
-from labyrinth_core.world.labyrinth import Task
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth
 
 CONFIGS = "3x3", "4x4-key_and_door"
@@ -439,7 +439,7 @@ def test_a_labyrinth_of_another_size_or_task_than_the_dataset_is_refused(
     data_dir, tmp_path, height, task, words, place
 ):
     other = sample_labyrinth(height, 3, task, np.random.default_rng(0))
-    rows = episode_rows("train", 0, other, shortest_routes(other)[0])
+    rows = episode_rows("train", 0, other, Solver(other).shortest_routes()[0])
 
     def mix(own):
         own[:] = [*rows, *own] if place == "first" else [*own, *rows]

@@ -7,17 +7,17 @@ import sys
 
 import pytest
 
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 
 fcntl = pytest.importorskip("fcntl", reason="Windows locks files in another way")
 
 COUNT = """
 import sys
 from pathlib import Path
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 folder = Path(sys.argv[1])
 for _ in range(40):
-    with locked(folder / "lock"):
+    with LocalFile(folder / "lock").locked():
         number = int((folder / "count").read_text())
         (folder / "count").write_text(str(number + 1))
 """
@@ -25,8 +25,8 @@ for _ in range(40):
 DIE = """
 import os, signal, sys
 from pathlib import Path
-from labyrinth_core.data.storage import locked
-with locked(Path(sys.argv[1]) / "lock"):
+from labyrinth_core.data.storage import LocalFile
+with LocalFile(Path(sys.argv[1]) / "lock").locked():
     os.kill(os.getpid(), signal.SIGKILL)
 """
 
@@ -47,7 +47,7 @@ def test_of_eight_processes_one_at_a_time_has_the_lock_and_none_leaves_a_file(tm
 def test_no_process_waits_for_a_killed_one(tmp_path):
     assert start(DIE, tmp_path).wait(timeout=60) == -signal.SIGKILL
     assert [path.name for path in tmp_path.iterdir()] == ["lock"]
-    with locked(tmp_path / "lock", wait=False):
+    with LocalFile(tmp_path / "lock").locked(wait=False):
         pass
     assert list(tmp_path.iterdir()) == []
 
@@ -57,5 +57,8 @@ def test_a_file_system_without_locks_is_an_os_error(tmp_path, monkeypatch):
         raise OSError(errno.ENOSYS, "Function not implemented")
 
     monkeypatch.setattr(fcntl, "flock", refuse)
-    with pytest.raises(OSError, match="Function not implemented"), locked(tmp_path / "lock"):
+    with (
+        pytest.raises(OSError, match="Function not implemented"),
+        LocalFile(tmp_path / "lock").locked(),
+    ):
         pass

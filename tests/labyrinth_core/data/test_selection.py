@@ -20,7 +20,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
@@ -170,7 +170,7 @@ def test_a_table_of_other_rows_than_the_shards_is_refused(data_dir, tmp_path, ed
     folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
     pq.write_table(edit(pq.read_table(folder / TABLE)), folder / TABLE)
     manifest = Manifest.read(folder)
-    replace(manifest, labyrinths=TableFile(1, file_sha256(folder / TABLE))).write(folder)
+    replace(manifest, labyrinths=TableFile(1, File(folder / TABLE).sha256())).write(folder)
     with pytest.raises(DatasetError, match=rf"\A[^\n]*{TABLE}[^\n]*\Z"):
         list(load_episodes(folder.parent, "3x4", labyrinths=2))
 

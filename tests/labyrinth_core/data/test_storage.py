@@ -1,86 +1,28 @@
-"""Datasets in object stores: whole or not there, the bytes of a local build, and how it goes on."""
+"""Files and folders, local and in object stores: replaced whole, links themselves."""
 
 from __future__ import annotations
 
 import errno
-import shutil
-from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
-from uuid import uuid4
 
 import fsspec
-import numpy as np
 import pytest
-from support.making import Run, RunConfig, resolve
-from support.s3_server import S3Server, serving
+from support.making import RunConfig, resolve
+from support.s3_server import bucket, memory, server
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.load import load_transitions
-from labyrinth_core.data.manifest import MANIFEST, Manifest
 from labyrinth_core.data.storage import (
+    File,
+    LocalFile,
     RemotePath,
     folder_at,
-    local_copy,
-    named_file,
-    replacing,
-    temporaries,
-    temporary_beside,
-    write_bytes,
 )
 from pipeline.config.errors import ConfigError
-from pipeline.generation import build as generation
-from pipeline.generation import check as validation
 from pipeline.machinery.folders import new_file
-from pipeline.release import card
-from pipeline.release.options import PublishOptions
+
+__all__ = ["bucket", "memory", "server"]
 
 pytestmark = pytest.mark.slow
-
-Build = Callable[..., Run]
-
-TRAIN = "train-00000-of-00001.parquet"
-
-
-@pytest.fixture
-def memory() -> Iterator[str]:
-    """The URL of a folder in memory, whose name looks like a pattern."""
-    name = uuid4().hex
-    yield f"memory://{name}/run [5x5]*"
-    filesystem = fsspec.filesystem("memory")
-    if filesystem.exists(f"/{name}"):
-        filesystem.rm(f"/{name}", recursive=True)
-
-
-@pytest.fixture(scope="module")
-def server() -> Iterator[S3Server]:
-    with serving() as (server, address), pytest.MonkeyPatch.context() as patch:
-        patch.setenv("AWS_ENDPOINT_URL", address)
-        patch.setenv("AWS_ACCESS_KEY_ID", "nobody")
-        patch.setenv("AWS_SECRET_ACCESS_KEY", "nothing")
-        patch.setenv("AWS_DEFAULT_REGION", "us-east-1")
-        yield server
-
-
-@pytest.fixture
-def bucket(server: S3Server) -> Iterator[str]:
-    """The URL of a folder in a new bucket, whose name looks like a pattern."""
-    name = uuid4().hex
-    fsspec.filesystem("s3", use_listings_cache=False).mkdir(name)
-    server.requests.clear()
-    yield f"s3://{name}/run [5x5]*"
-    server.fault = lambda _method, _path: False
-
-
-def content_of(folder: Path | RemotePath) -> dict[str, bytes]:
-    """Return the content of all files of a folder, and of those in it."""
-    files = [*folder.glob("*"), *folder.glob("*/*"), *folder.glob(".*"), *folder.glob(".*/*")]
-    prefix = len(str(folder)) + 1
-    return {str(p)[prefix:].replace("\\", "/"): p.read_bytes() for p in files if p.is_file()}
-
-
-# Files.
 
 
 @pytest.fixture(params=["local", "memory", "s3"])
@@ -97,8 +39,8 @@ def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_pa
     with pytest.raises(FileNotFoundError):
         (deeper / "one.txt").read_bytes()
     deeper.mkdir(parents=True, exist_ok=True)
-    write_bytes(deeper / "one.txt", b"old")
-    write_bytes(deeper / "one.txt", b"new")
+    File(deeper / "one.txt").write_bytes(b"old")
+    File(deeper / "one.txt").write_bytes(b"new")
     with new_file(deeper / "two.txt", tmp_path) as local:
         local.write_bytes(b"2")
         assert not (deeper / "two.txt").exists()
@@ -111,7 +53,7 @@ def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_pa
     assert not deeper.is_file()
     with (deeper / "one.txt").open("rb") as file:
         assert file.read(2) == b"ne"
-    with local_copy(deeper / "two.txt") as local:
+    with File(deeper / "two.txt").local_copy() as local:
         assert local.read_bytes() == b"2"
     (deeper / "one.txt").unlink()
     (deeper / "one.txt").unlink(missing_ok=True)
@@ -135,9 +77,13 @@ def test_a_file_that_is_not_finished_is_not_there(
 def test_a_link_is_replaced_itself_and_a_folder_never(tmp_path: Path, write: str) -> None:
     def put(path: Path) -> None:
         if write == "write_bytes":
-            write_bytes(path, b"new")
+            File(path).write_bytes(b"new")
             return
-        with new_file(path, tmp_path) if write == "new_file" else replacing(path) as local:
+        with (
+            new_file(path, tmp_path)
+            if write == "new_file"
+            else LocalFile(path).replacing() as local
+        ):
             local.write_bytes(b"new")
 
     target, folder = tmp_path / "target", tmp_path / "folder"
@@ -160,17 +106,17 @@ def test_a_link_that_a_user_names_for_output_leads_to_its_target(tmp_path: Path)
     link, folder = tmp_path / "link", tmp_path / "folder"
     link.symlink_to("target")
     folder.symlink_to(tmp_path)
-    write_bytes(named_file(link), b"new")
+    File(LocalFile(link).target()).write_bytes(b"new")
     assert link.is_symlink()
     assert (tmp_path / "target").read_bytes() == b"new"
-    assert named_file(tmp_path / "other") == tmp_path / "other"
+    assert LocalFile(tmp_path / "other").target() == tmp_path / "other"
     with pytest.raises(FileExistsError, match="is not a regular file"):
-        named_file(folder)
+        LocalFile(folder).target()
 
 
 def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    for writing in (replacing(path), new_file(path, tmp_path)):
+    for writing in (LocalFile(path).replacing(), new_file(path, tmp_path)):
         with pytest.raises(OSError, match=r"No space left on device: '.*a\.parquet'"), writing:
             raise OSError(errno.ENOSPC, "No space left on device")
         assert list(tmp_path.iterdir()) == []
@@ -185,22 +131,22 @@ def test_an_error_of_a_temporary_file_names_the_file_that_is_written(
     with monkeypatch.context() as patch:
         patch.setattr(Path, "replace", refuse)
         with pytest.raises(PermissionError) as refused:
-            write_bytes(tmp_path / "y.png", b"")
+            File(tmp_path / "y.png").write_bytes(b"")
     assert refused.value.filename == str(tmp_path / "y.png")
     path = tmp_path / "nowhere" / "x.png"
     with pytest.raises(FileNotFoundError) as caught:
-        write_bytes(path, b"")
+        File(path).write_bytes(b"")
     assert caught.value.filename == str(path)
 
 
 def test_only_names_with_their_own_hash_are_those_of_temporary_files(tmp_path: Path) -> None:
     path = tmp_path / "README.md"
-    made = temporary_beside(path)
+    made = LocalFile(path).temporary()
     for name in (made.name, f".README.md.{'0' * 12}.{'0' * 8}.tmp", ".README.md.tmp", "x.tmp"):
         (tmp_path / name).touch()
-    assert temporaries(tmp_path, [path.name]) == [made]
-    assert temporaries(tmp_path, ["README"]) == []
-    assert temporaries(tmp_path, [path.name], ".replaced") == []
+    assert LocalFile.temporaries(tmp_path, [path.name]) == [made]
+    assert LocalFile.temporaries(tmp_path, ["README"]) == []
+    assert LocalFile.temporaries(tmp_path, [path.name], ".replaced") == []
 
 
 class FailingStore(fsspec.AbstractFileSystem):
@@ -228,16 +174,8 @@ def test_a_file_url_is_a_local_folder(tmp_path: Path) -> None:
     [
         ({"data_dir": "nosuch://a/b"}, ["data_dir=nosuch://a/b", "nosuch"]),
         ({"data_dir": "gs://a/b"}, ["data_dir=gs://a/b", "missing", "install gcsfs"]),
-        (
-            {
-                "data_dir": "memory://a",
-                "stages": ["publish"],
-                "publish": PublishOptions(repo_id="a/b", version="1.0.0"),
-            },
-            ["memory://a", "publish need a local folder"],
-        ),
     ],
-    ids=["unknown", "missing", "publish"],
+    ids=["unknown", "missing"],
 )
 def test_a_place_that_cannot_be_used_is_answered_with_one_line(
     options: dict[str, Any], parts: list[str]
@@ -247,116 +185,3 @@ def test_a_place_that_cannot_be_used_is_answered_with_one_line(
         resolve(config)
     assert all(part in str(caught.value) for part in parts), caught.value
     assert "\n" not in str(caught.value)
-
-
-# Datasets.
-
-
-@pytest.mark.parametrize("store", ["memory", "bucket"])
-def test_a_dataset_in_a_store_is_the_local_one_and_is_used_like_it(
-    request: pytest.FixtureRequest, build: Build, store: str, small_dataset: Run, tmp_path: Path
-) -> None:
-    url = request.getfixturevalue(store)
-    run = build(url)
-    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
-    validation.run(run)
-    card.run(run)
-    shutil.copytree(small_dataset.data_dir, tmp_path, dirs_exist_ok=True)
-    local = replace(small_dataset, data_dir=tmp_path)
-    card.run(local)
-    assert content_of(run.data_dir) == content_of(local.data_dir)
-    here, there = (load_transitions(p, "3x3", cache_dir=False) for p in (local.data_dir, url))
-    assert np.array_equal(here.observations, there.observations)
-    assert build(url).data_dir == run.data_dir  # Complete already.
-
-
-def test_damaged_and_missing_shards_in_a_store_are_made_anew(
-    build: Build, memory: str, small_dataset: Run
-) -> None:
-    folder = build(memory).folder
-    test, random = (folder / f"{name}-00000-of-00001.parquet" for name in ("test", "random"))
-    test.unlink()
-    write_bytes(folder / TRAIN, b"PAR1")
-    write_bytes(random, random.read_bytes()[::-1])
-    assert content_of(build(memory).folder) == content_of(small_dataset.folder)
-
-
-def test_files_of_a_person_in_a_store_stop_the_build_that_would_replace_them(
-    build: Build, memory: str
-) -> None:
-    folder = build(memory, labyrinths=1).folder
-    write_bytes(folder / "notes.parquet", b"years of work")
-    with pytest.raises(DatasetError, match=r"holds notes\.parquet"):
-        build(memory, overwrite=True)
-    assert (folder / "notes.parquet").read_bytes() == b"years of work"
-    assert Manifest.read(folder).config.labyrinths == 1
-
-
-def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_is_whole(
-    build: Build, server: S3Server, bucket: str, small_dataset: Run
-) -> None:
-    build(bucket, labyrinths=2, random_steps=5, cells_per_shard=9)
-    with pytest.raises(DatasetError, match="labyrinths=2, not labyrinths=8"):
-        build(bucket)
-    server.fault = denied(".parquet", 0)
-    with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
-        build(bucket, overwrite=True)
-    assert not (folder_at(bucket) / "3x3" / MANIFEST).exists()
-    server.fault = lambda _method, _path: False
-    assert content_of(build(bucket).data_dir) == content_of(small_dataset.data_dir)
-
-
-def denied(part: str, times: int) -> Callable[[str, str], bool]:
-    """Return a fault for uploads of names with `part`, after `times` of them went well."""
-    seen: list[str] = []
-
-    def fault(method: str, path: str) -> bool:
-        if method == "PUT" and part in path:
-            seen.append(path)
-        return method == "PUT" and part in path and len(seen) > times
-
-    return fault
-
-
-@pytest.mark.parametrize(
-    ("part", "times"),
-    [("config.json", 0), (".parquet", 3), (".shard", 3), (MANIFEST, 0)],
-)
-def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_not_whole(
-    build: Build, server: S3Server, bucket: str, small_dataset: Run, part: str, times: int
-) -> None:
-    server.fault = denied(part, times)
-    with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
-        build(bucket)
-    folder = folder_at(bucket) / "3x3"
-    assert not (folder / MANIFEST).exists()
-    finished = {path.name for path in (folder.parent / ".3x3.building").glob("*.shard")}
-    server.fault = lambda _method, _path: False
-    damaged = {TRAIN.replace(".parquet", ".shard")} if part == MANIFEST else set()
-    if damaged:
-        write_bytes(folder / TRAIN, (folder / TRAIN).read_bytes()[:-1] + b"?")  # As long.
-    server.requests.clear()
-    run = build(bucket)
-    assert content_of(run.data_dir) == content_of(small_dataset.data_dir)
-    uploads = [path.rpartition("/")[2] for method, path in server.requests if method == "PUT"]
-    made_again = {path.replace(".parquet", ".shard") for path in uploads if ".parquet" in path}
-    assert made_again & finished == damaged
-    manifest_at = uploads.index(MANIFEST)
-    assert not any(".parquet" in path for path in uploads[manifest_at:])
-
-
-def test_a_shard_that_did_not_arrive_keeps_the_manifest_away(
-    build: Build, memory: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    make_shard = generation.make_shard
-
-    def lose(job: generation.ShardJob) -> Any:
-        shard = make_shard(job)
-        if job.split == "s0":
-            job.path.unlink()
-        return shard
-
-    monkeypatch.setattr(generation, "make_shard", lose)
-    with pytest.raises(DatasetError, match="has no s0-00000-of-00001"):
-        build(memory)
-    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()

@@ -23,17 +23,10 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.buckets import BUCKETS, SPLITS, split_of
-from labyrinth_core.world.dynamics import (
-    Action,
-    State,
-    is_terminal,
-    reward,
-    state_index,
-    transition,
-)
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
-from labyrinth_core.world.solver import distances, optimal_actions, shortest_route
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, Look, State, Task
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
 from labyrinth_core.world.tasks import tiles_matter
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
@@ -116,20 +109,20 @@ def test_a_walk_is_what_dynamics_solver_renderer_and_vector_form_say(labyrinth):
     for env in envs:
         env.reset()
     for action in np.random.default_rng(0).integers(4, size=12).tolist():
-        state = transition(labyrinth, state, action)
-        number = state_index(labyrinth, state)
+        state = labyrinth.transition(state, action)
+        number = labyrinth.state_index(state)
         (image, *rest, info), (vector, *_), (index, *_) = (env.step(action) for env in envs)
         assert (image == render(labyrinth, state, 64)).all()
         assert (vector == vector_observation(labyrinth, state)).all()
         assert index == number
-        assert rest == [reward(labyrinth, state), is_terminal(labyrinth, state), False]
+        assert rest == [labyrinth.reward(state), labyrinth.is_terminal(state), False]
         assert info["labyrinth"] == dump(labyrinth)
         assert info["labyrinth_id"] == labyrinth_id(labyrinth)
-        assert info["distance"] == distances(labyrinth)[number]
+        assert info["distance"] == Solver(labyrinth).distances[number]
         assert info["is_success"] is (state.agent == labyrinth.goal)
-        assert (info["optimal_actions"] == optimal_actions(labyrinth)[number]).all()
+        assert (info["optimal_actions"] == Solver(labyrinth).optimal_actions()[number]).all()
         assert envs[0].state == state
-        if is_terminal(labyrinth, state):
+        if labyrinth.is_terminal(state):
             break
 
 
@@ -167,7 +160,7 @@ def test_a_split_keeps_to_its_structures_and_to_the_seed(split, buckets):
     env.reset(seed=5)
     again.reset(seed=5)
     for _ in range(60):
-        assert split_of(env.labyrinth.structure, buckets) == split
+        assert env.labyrinth.structure.split(buckets) == split
         assert env.labyrinth == again.labyrinth
         env.reset()
         again.reset()
@@ -181,7 +174,7 @@ def test_with_another_start_or_goal_no_turned_structure_is_of_another_split(opti
         env.reset(options=options)
         structure = env.labyrinth.structure
         images = [structure] if "task" in options else [structure, min(structure.symmetries())]
-        assert {split_of(each, BUCKETS) for each in images} == {"train"}
+        assert {each.split(BUCKETS) for each in images} == {"train"}
 
 
 def test_a_split_without_a_structure_is_refused_in_one_line():
@@ -317,7 +310,7 @@ def test_an_episode_can_be_cut_sooner_and_never_later():
 @settings(max_examples=60)
 def test_an_optimal_episode_returns_exactly_one_when_rewards_are_normalised(labyrinth):
     env = LabyrinthEnv(labyrinth=labyrinth, reward="normalised", observation="state")
-    steps = walk(env, shortest_route(labyrinth, np.random.default_rng(0)))
+    steps = walk(env, Solver(labyrinth).shortest_route(np.random.default_rng(0)))
     assert steps[-1][2]
     assert sum(paid for _, paid, *_ in steps) == pytest.approx(1.0, abs=1e-12)
 

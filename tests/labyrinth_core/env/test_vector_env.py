@@ -18,9 +18,7 @@ from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.world.batch_sampling import sample_each
-from labyrinth_core.world.buckets import split_of
-from labyrinth_core.world.dynamics import state_at
-from labyrinth_core.world.labyrinth import Look, Task
+from labyrinth_core.world.rules import Look, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
@@ -111,7 +109,7 @@ def test_a_split_is_that_of_single_environments():
     for place in (0, 1, 129):
         assert theirs.reset(seed=7 + place)[1]["labyrinth"] == texts[0][place]
         assert theirs.reset()[1]["labyrinth"] == texts[1][place]
-    assert {split_of(parse(text).structure, (20, 40, 40)) for text in texts[1]} == {"train"}
+    assert {parse(text).structure.split((20, 40, 40)) for text in texts[1]} == {"train"}
 
 
 def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
@@ -255,7 +253,7 @@ def test_pictures_are_those_of_the_renderer_whatever_is_kept(task, keeping):
             phases.add(number // 20)
             labyrinth = parse(text)
             np.testing.assert_array_equal(
-                picture, render(labyrinth, state_at(labyrinth, int(number)), 48)
+                picture, render(labyrinth, labyrinth.state_at(int(number)), 48)
             )
         optimal = infos["optimal_actions"].argmax(axis=1)
         actions = np.where(rng.random(4) < 0.8, optimal, rng.integers(4, size=4))

@@ -11,7 +11,7 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Chance, chance
 
 from labyrinth_core import compare, load_arrays
-from labyrinth_core.data.buckets import bucket_of, sample_test
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.compare import Comparison, log_evidence
@@ -71,10 +71,10 @@ def test_fresh_labyrinths_are_on_structures_of_test_alone_and_follow_from_the_se
 ):
     dataset = Manifest.read(datasets / config).config
     drawn, again = (
-        list(islice(sample_test(dataset, np.random.default_rng(1)), 20)) for _ in range(2)
+        list(islice(Drawing(dataset).sample_test(np.random.default_rng(1)), 20)) for _ in range(2)
     )
     assert drawn == again
-    assert {bucket_of(dataset, each.structure) for each in drawn} == {"test"}
+    assert {dataset.bucket_of(each.structure) for each in drawn} == {"test"}
     assert {each.task for each in drawn} == {dataset.task}
     train = load_arrays(datasets, config, "train", observation="vector")
     assert not {int(labyrinth_id(each), 16) for each in drawn} & {*train.labyrinth_ids.tolist()}

@@ -9,7 +9,7 @@ import pytest
 import torch
 from support.policies import Remembering, Rounds, Table, mistaken
 
-from labyrinth_core import PolicyError, evaluate, load_arrays
+from labyrinth_core import Dataset, LabyrinthEnv, PolicyError, evaluate, load_arrays, memorised
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +63,22 @@ def check_alike(datasets, policies, way):
     assert [each.way for each in found] == [way] * len(found)
     first, *others = (each.splits["train"].figures() for each in found)
     assert all(each == first for each in others)
+
+
+@pytest.mark.slow  # 4 s: it imports Stable-Baselines3, and trains.
+def test_a_model_of_stable_baselines3_is_evaluated_and_asked_whether_it_remembers(datasets):
+    library = pytest.importorskip("stable_baselines3")  # An older environment lacks it.
+    data = Dataset(datasets, "3x4")
+    env = LabyrinthEnv(labyrinths=data["train"].labyrinths, observation="vector")
+    model = library.PPO("MlpPolicy", env, n_steps=64, seed=0, device="cpu").learn(64)
+    results = [evaluate(each, data, observation="vector") for each in (model, model.policy)]
+    receipts = [
+        memorised(each, data, observation="vector", controls=10) for each in (model, model.policy)
+    ]
+    assert results[0].way == "look-ups"
+    assert receipts[0].everywhere
+    assert results[0].splits["test"].figures() == results[1].splits["test"].figures()
+    assert receipts[0] == receipts[1]
 
 
 class Selects(torch.nn.Module):

@@ -9,17 +9,17 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.observations import Looks, ObservationSpec
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.pictures import looks, observations
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.dynamics import initial, is_terminal, reward, state_at, transition
-from labyrinth_core.world.labyrinth import Look
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.rules import Look
+from labyrinth_core.world.solver import Solver
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
@@ -30,14 +30,14 @@ def test_walking_in_the_arrays_is_walking_in_the_labyrinths(datasets, config, sp
     assert arrays.labyrinth_ids.tolist() == list(labyrinths)
     seen = 0
     for place, labyrinth in enumerate(labyrinths.values()):
-        numbers = {initial(labyrinth): arrays.initial[place]}
+        numbers = {labyrinth.initial: arrays.initial[place]}
         queue = list(numbers)
         for state in queue:
             number = numbers[state]
             assert arrays.labyrinth[number] == place
             assert arrays.position[number] == state.agent
             assert arrays.goal[number] == (state.agent == labyrinth.goal)
-            assert arrays.terminal[number] == is_terminal(labyrinth, state)
+            assert arrays.terminal[number] == labyrinth.is_terminal(state)
             if arrays.terminal[number]:
                 assert (arrays.next_state[number] == number).all()
                 assert (arrays.rewards[number] == 0).all()
@@ -45,14 +45,14 @@ def test_walking_in_the_arrays_is_walking_in_the_labyrinths(datasets, config, sp
                 assert not arrays.optimal[number].any()
                 continue
             for action in range(4):
-                after = transition(labyrinth, state, action)
+                after = labyrinth.transition(state, action)
                 queue += [after] * (after not in numbers)
                 assert (
                     numbers.setdefault(after, arrays.next_state[number, action])
                     == (arrays.next_state[number, action])
                 )
-                assert arrays.rewards[number, action] == np.float32(reward(labyrinth, after))
-                assert arrays.done[number, action] == is_terminal(labyrinth, after)
+                assert arrays.rewards[number, action] == np.float32(labyrinth.reward(after))
+                assert arrays.done[number, action] == labyrinth.is_terminal(after)
         assert len(set(numbers.values())) == len(numbers)
         seen += len(numbers)
     assert seen == len(arrays.labyrinth) == len(arrays.observations)
@@ -62,7 +62,7 @@ def test_walking_in_the_arrays_is_walking_in_the_labyrinths(datasets, config, sp
 def test_optimal_actions_are_those_of_all_shortest_routes(datasets, config):
     arrays = load_arrays(datasets, config, "test", image_size=8)
     for place, labyrinth in enumerate(labyrinths_of(datasets, config, "test").values()):
-        routes = shortest_routes(labyrinth)
+        routes = Solver(labyrinth).shortest_routes()
         assert arrays.distance[place] == len(routes[0])
         state = arrays.initial[place]
         assert set(np.flatnonzero(arrays.optimal[state])) == {route[0] for route in routes}
@@ -101,12 +101,12 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
 def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
     datasets, config, size, kept, monkeypatch
 ):
-    monkeypatch.setattr(observations, "KEPT_BYTES", kept)
+    monkeypatch.setattr(looks, "KEPT_BYTES", kept)
     load = partial(load_arrays, datasets, config, "test", image_size=size)
     held = load().observations
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes)
     assert isinstance(load().observations, np.ndarray)
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
     drawn = load().observations
     assert isinstance(drawn, Looks)
     assert len(drawn) == len(held)
@@ -122,7 +122,7 @@ def test_vectors_and_texts_that_are_too_many_to_hold_are_made_when_they_are_look
 ):
     load = partial(load_arrays, datasets, config, "test", observation=observation)
     held = load().observations
-    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
     made = load().observations
     assert isinstance(made, Looks)
     states = np.arange(len(held))[::-2]
@@ -137,7 +137,7 @@ def test_labyrinths_of_several_looks_are_each_drawn_in_their_own(datasets, obser
     seen = arrays.observations[np.arange(len(arrays.state))[::-1]][::-1]
     for place, labyrinth in enumerate(arrays.labyrinths):
         for index in np.flatnonzero(arrays.labyrinth == place).tolist():
-            view = labyrinth, state_at(labyrinth, int(arrays.state[index]))
+            view = labyrinth, labyrinth.state_at(int(arrays.state[index]))
             np.testing.assert_array_equal(seen[index], arrays.spec.look([view])[0])
 
 
@@ -188,7 +188,7 @@ def test_too_little_memory_for_the_states_is_said_with_how_much_they_take(
     def exhausted(*_):
         raise MemoryError
 
-    monkeypatch.setattr(labyrinth_arrays, "tabulate", exhausted)
+    monkeypatch.setattr(labyrinth_arrays.Tables, "of", exhausted)
     monkeypatch.setattr(labyrinth_arrays, "STATE_BYTES", 10**9)
     needed = f"{12 * count:.1f} GB, and what is seen in them up to 1 GB, more than there is"
     told = f"split=test: the states of {count} labyrinths take about {needed}"

@@ -15,8 +15,7 @@ from labyrinth_core import Labyrinth, Structure, Task, parse, question, render, 
 from labyrinth_core import score_answer as score
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.dynamics import initial
-from labyrinth_core.world.labyrinth import Look
+from labyrinth_core.world.rules import Look
 
 TASKS = [task for task in Task if task is not Task.PARTIAL_OBSERVABILITY]
 
@@ -36,7 +35,7 @@ def test_a_question_follows_from_its_labyrinth(task, look):
     assert parse(row["info"]) == labyrinth
     assert row["labyrinth_id"] == labyrinth_id(labyrinth)
     for column, size in (("image", 600), ("image_300", 300)):
-        expected = render(labyrinth, initial(labyrinth), size)
+        expected = render(labyrinth, labyrinth.initial, size)
         np.testing.assert_array_equal(opened(row[column]["bytes"]), expected)
     head, _, encoded = row["image_url"].partition(",")
     assert (head, b64decode(encoded)) == ("data:image/png;base64", row["image"]["bytes"])

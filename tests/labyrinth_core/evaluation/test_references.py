@@ -15,7 +15,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 
 
 def visited(labyrinth, actions):
@@ -40,7 +40,10 @@ def test_a_route_is_known_where_a_shortest_one_is_part_of_a_demonstrated_one(
     for episode in load_episodes(datasets, config, split="train", observation="vector"):
         known |= parts(visited(parse(episode.info), episode.actions.tolist()))
     expected = [
-        any(tuple(visited(labyrinth, route)) in known for route in shortest_routes(labyrinth))
+        any(
+            tuple(visited(labyrinth, route)) in known
+            for route in Solver(labyrinth).shortest_routes()
+        )
         for labyrinth in arrays.labyrinths
     ]
     memory = TrainMemory.of(train)

@@ -16,8 +16,9 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import State, neighbours, visible_from
-from labyrinth_core.world.labyrinth import Labyrinth, Task, breadth_first
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task, neighbours
+from labyrinth_core.world.structure import breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]
 
@@ -50,7 +51,7 @@ def test_it_plans_with_what_it_has_seen_and_hopes_for_the_rest(structure, data, 
     agent, seen, visited = start, set(), []
     while agent != goal and (memory or agent not in visited):
         visited.append(agent)
-        seen = (seen if memory else set()) | visible_from(structure, agent)
+        seen = (seen if memory else set()) | structure.visible_from(agent)
         action = replanner.act(vector_observation(labyrinth, State(agent))[None])[0]
         assert action == planned(labyrinth, agent, seen)
         assert structure.moves[agent][action] != agent

@@ -20,7 +20,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import LARGEST, Results, results_in
-from labyrinth_core.evaluation.results_form import DERIVED
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 
@@ -96,16 +95,14 @@ def test_a_receipt_is_saved_and_read_as_it_was(results, receipt, known, read):
     [
         ("p", 0.04, "it.memorised: p=0.04 is no rank among 10"),
         ("p", 0.0, "it.memorised: p=0.0 is no rank among 10"),
-        ("excess", 90.0, "it.memorised: its figures contradict one another"),
-        ("own_way.without_twin", 10**6, "it.memorised: its figures contradict one another"),
         ("split", "train", "it.memorised.split is 'train', not .*"),
         ("split", "validation", "it.memorised.split is validation, which has no results"),
         ("drawn", 1, "it.memorised.drawn is 1, not .*"),
         ("copies.0.labyrinth", "<b>", r"it.memorised.copies\[0\].labyrinth is '<b>', not .*"),
-        ("copies.0.did", [1], r"it.memorised.copies\[0\].did is \[1\], not a list of 4"),
+        ("copies.0.did", [1], r"it.memorised: a copy has 1 actions, not 4"),
         ("copies.0.agent", 9, r"it.memorised: a copy is in cell 9 of 9"),
         ("copies.0.passages", [[0, 99]], r"it.memorised: a copy is in cell 99 of 9"),
-        ("everywhere", 1, "it.memorised.everywhere is 1, not one of .*"),
+        ("everywhere", 1, "it.memorised.everywhere is 1, not true or false"),
         ("own_way", None, "it.memorised.own_way is None, not .*"),
     ],
 )
@@ -185,7 +182,7 @@ def test_some_splits_are_enough(content, known, read):
     ("make", "about", "message"),
     [
         (replace, {"details": {"steps": 1.5}}, "details: steps=1.5: give a whole number"),
-        (of_run, {}, "it.method.name is 'mine', but 'bc-cnn-seed0' by it"),
+        (of_run, {}, "it is of 'mine', seed 0, but its run is bc-cnn-seed0"),
     ],
 )
 def test_what_could_not_be_read_again_is_not_saved(results, tmp_path, make, about, message):
@@ -214,14 +211,17 @@ def nudged(value):
     return value + 1e-6 if isinstance(value, float) else 0.5
 
 
-@pytest.mark.parametrize("figure", DERIVED)
+DERIVED = ["sr", "sr_within_cells", "spl", "aer", "aer_std", "sr_known_route", "sr_new_route"]
+
+
+@pytest.mark.parametrize("figure", [*DERIVED, "path_efficiency", "failures"])
 def test_a_figure_that_does_not_follow_from_the_outcomes_is_refused(content, read, figure):
     told = content["splits"]["s0"]
     told[figure] = nudged(told[figure])
     refused(read, content, None, rf"s0: {figure} is .*, but .* follows from the outcomes")
 
 
-FIRST = r"labyrinth [0-9a-f]{16} has"
+FIRST = r"moves\[\d\]\[\d\] is \d+: labyrinth [0-9a-f]{16} has"
 
 
 def forge(told, number, outcome, moves):
@@ -235,12 +235,9 @@ def forge(told, number, outcome, moves):
 @pytest.mark.parametrize(
     ("before", "outcome", "moves", "why"),
     [
-        ("s", "s", 1, "a solution of fewer moves than a shortest route: solved after 1 moves, .*"),
-        ("s", "s", 361, "more moves than the limit of 360: solved after 361 moves, .*"),
-        ("s", "s", 9, "more than 8 moves to an end by look-ups: solved after 9 moves, .*"),
-        ("s", "s", 7, "a detour of an odd number of moves: solved after 7 moves, .*"),
-        ("[lw]", "w", 17, "a failure before the limit of 360 moves: wall after 17 moves, .*"),
-        ("[lw]", "i", 8, "an end on ice, which this task does not have: ice after 8 moves, .*"),
+        ("s", "s", 1, "a solution of fewer moves than a shortest route"),
+        ("s", "s", 361, "more moves than the limit of 360"),
+        ("[lw]", "w", 17, "a failure before the limit"),
     ],
 )
 def test_an_episode_that_cannot_be_is_refused_though_its_figures_add_up(
@@ -252,20 +249,24 @@ def test_an_episode_that_cannot_be_is_refused_though_its_figures_add_up(
         refused(read, content, dataset, f"test: {FIRST} {why}")
 
 
-OTHER = r"labyrinth 1 is [0-9a-f]{16}, but [0-9a-f]{16} in .*/3x3"
+OTHER = r"labyrinth_ids\[0\] is [0-9a-f]{16}, but [0-9a-f]{16} in .*/3x3"
 
 
 @pytest.mark.parametrize(
     ("part", "change", "why", "possible"),
     [
-        ("labyrinth_ids", lambda ids: ids[1:] + ids[1:2], "labyrinth .* is listed twice", False),
+        (
+            "labyrinth_ids",
+            lambda ids: ids[1:] + ids[1:2],
+            ".* has a labyrinth twice",
+            False,
+        ),
         ("labyrinth_ids", lambda ids: ids[1::-1] + ids[2:], OTHER, True),
-        ("distance", lambda far: [9, *far[1:]], f"{FIRST} a shortest route of .*", False),
-        ("distance", lambda far: [2, *far[1:]], f"{FIRST} a .* of 2 moves, but of .*/3x3", True),
+        ("distance", lambda far: [2, *far[1:]], r"distance\[0\] is 2, but \d in .*/3x3", True),
         (
             "known_route",
             lambda marks: str(1 - int(marks[0])) + marks[1:],
-            "known_route does not match the routes that train of .*/3x3 demonstrates",
+            r"known_route\[0\] is \d, but \d in .*/3x3",
             True,
         ),
     ],
@@ -283,23 +284,21 @@ def test_other_labyrinths_than_those_of_the_dataset_are_refused(
         refused(read, content, None, f"test: {why}")
 
 
-@pytest.mark.parametrize("share", [0.123, None])
-def test_an_accuracy_is_a_share_of_the_states_of_the_split(content, known, read, share):
-    content["splits"]["test"]["accuracy_elsewhere"] = share
-    refused(read, content, known, f"test: accuracy_elsewhere is {share}, which is not a share .*")
-    read(content)
-
-
 def test_of_several_episodes_the_message_names_the_one(small_dataset, known, read):
     results = results_of(small_dataset.data_dir, "3x3", Rounds(1), episodes=3)
     content = content_of(results)
     told = content["splits"]["s0"]
     told["moves"][2][0] = 361
     add_up(told, 9)
-    refused(read, content, known, "s0: episode 3, labyrinth .* more moves than the limit .*")
+    refused(
+        read,
+        content,
+        known,
+        r"s0: moves\[2\]\[0\] is 361: .* more moves .*",
+    )
 
 
-NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
+NO_RUN = r"it\.run\..* is .*, not .*"
 
 
 @pytest.mark.parametrize(
@@ -318,41 +317,52 @@ NO_RUN = r"(it|a name in it)\.run\..* is .*, not .*"
         ("method.details", {"steps": -1}, "it.method.details.steps is -1, not .*"),
         ("method.details", [], r"it.method.details is \[\], not an object"),
         ("method", None, "it.method is None, not an object with name, .*"),
-        ("dataset.config", "3x3-lava", "config=3x3-lava: there is no such config"),
-        ("dataset.config", "03x3", "config=03x3: there is no such config"),
+        ("methods", {}, "it has methods, which is unknown"),
+        ("run.seeds", 1, "it.run has seeds, which is unknown"),
+        ("splits.test.distances", [], "it.splits.test has distances, which is unknown"),
+        ("dataset.config", "3x3-lava", "it.dataset.config is '3x3-lava', not .*"),
+        ("dataset.config", "1x3", "size=1x3: give a whole number from 2 to .*"),
         ("dataset.config", "../3x3", "it.dataset.config is '../3x3', not .*"),
         ("dataset.fingerprint", "1" * 64, "it is of another dataset than .*/3x3: .*"),
         ("dataset.fingerprint", "1" * 63, "it.dataset.fingerprint is '1+, not .*"),
         ("evaluated.episodes", 2, "episodes=2: look-ups give one .*"),
         ("evaluated.way", "guesses", "it.evaluated.way is 'guesses', not .*"),
-        ("evaluated.way", "steps", "[a-z0-9_]+: accuracy_on_demonstrations is .*, which only .*"),
         ("evaluated.seed", 2**64, "it.evaluated.seed is 18446744073709551616, not .*"),
-        ("evaluated.image_size", 64, "image_size=64: observation=vector has none"),
+        ("evaluated.image_size", 0, "it.evaluated.image_size is 0, not .*"),
         ("evaluated.version", "=1+1|", r"it.evaluated.version is '=1\+1\|', not .*"),
         ("splits", {}, "it has no results on train, validation, .*"),
-        ("splits.exam", {}, "a name in it.splits is 'exam', not .*"),
+        ("splits.exam", {}, "it.splits has a name that is 'exam', not .*"),
         ("splits.test.sr", float("nan"), "NaN is not a JSON number"),
         ("splits.test.aer", float("inf"), "Infinity is not a JSON number"),
-        ("splits.test.aer", -(10**400), "test: aer is -1000.*"),
-        ("splits.test.sr", True, "test: sr is True, but .*"),
+        ("splits.test.aer", -(10**400), "it.splits.test.aer is -1000.*"),
+        ("splits.test.sr", True, "it.splits.test.sr is True, not .*"),
         ("splits.test.sr_interval", [0.5], r"it.splits.test.sr_interval is .*, not a list of 2"),
-        ("splits.test.sr_interval", [2, 3], r"test: sr_interval is \[2, 3\], but sr is .*"),
-        ("splits.test.aer_interval", [1, -4], r"test: aer_interval is \[1, -4\], but aer is .*"),
+        (
+            "splits.test.sr_interval",
+            [2, 3],
+            "test: sr_interval is .*, which is not around sr=.*",
+        ),
+        (
+            "splits.test.aer_interval",
+            [1, -4],
+            "test: aer_interval is .*, which is not around .*",
+        ),
         ("splits.test.known_route", None, "it.splits.test.known_route is None, not .*"),
         ("splits.test.accuracy_elsewhere", 1.5, "it.splits.test.accuracy_elsewhere .*"),
         ("baselines", [], r"it.baselines is \[\], not an object"),
-        ("baselines.oracle.test", {}, "it.baselines.oracle.test is .*, not an object .*"),
-        ("baselines.stranger", {}, "a name in it.baselines is 'stranger', not .*"),
+        ("baselines.oracle.test", {}, "it.baselines.oracle.test has no sr"),
+        ("baselines.oracle", {}, "it.baselines.oracle has no s0"),
+        ("baselines.stranger", {}, "it.baselines has a name that is 'stranger', not .*"),
         ("baselines.random.test.spl", -0.1, "it.baselines.random.test.spl is -0.1, .*"),
         ("splits.test.moves.0.3", 2.5, r"it.splits.test.moves\[0\]\[3\] is 2.5, not .*"),
         ("splits.test.moves.0.3", 0, r"it.splits.test.moves\[0\]\[3\] is 0, not .*"),
         ("splits.test.moves.0.3", 10**12, ".*more moves than the limit .*"),
-        ("splits.test.labyrinths", 10**15, "test: labyrinth_ids are of 8 labyrinths, not 10*"),
+        ("splits.test.labyrinths", 10**15, "test: labyrinth_ids has 8 entries, not 10*"),
         ("splits.test.labyrinth_ids.0", "f" * 16, r"it.splits.test.labyrinth_ids\[0\] .*"),
-        ("splits.test.outcomes", ["s" * 8] * 2, "test: outcomes are of 2 episodes .*"),
-        ("splits.test.moves", [], "test: moves are of 0 episodes in each .*, not 1"),
+        ("splits.test.outcomes", ["s" * 8] * 2, "test: outcomes has 2 rows, not 1 as episodes"),
+        ("splits.test.moves", [], "test: moves has 0 rows, not 1 as episodes"),
         ("splits.test.outcomes.0", "c" * 8, r"it.splits.test.outcomes\[0\] is 'cccc.*"),
-        ("splits.test.step_limit", 10**9, "test: step_limit is 1000000000, not 360"),
+        ("splits.test.step_limit", 10**9, "test: step_limit is 1000000000, but 360 .*"),
         ("run.method", r"\input{/etc/passwd}", NO_RUN),
         ("run.encoder", "<script>alert(1)</script>", NO_RUN),
         ("run.protocol", "a|b", NO_RUN),
@@ -379,7 +389,7 @@ def test_a_large_file_is_refused_in_a_few_seconds(content, known, read):
     told = content["splits"]["test"]
     told |= {"outcomes": ["s"] * 500_000, "moves": [[4]] * 500_000}
     before = process_time()
-    refused(read, content, known, r"it.splits.test.outcomes is .*, not a list of 1000 at most")
+    refused(read, content, known, "test: outcomes has 500000 rows, not 1 as episodes")
     count = 50_000
     told |= {"outcomes": ["s" * count], "moves": [[4] * count], "distance": [4] * count}
     told |= {"labyrinth_ids": [f"{n:016x}" for n in range(count)], "known_route": "1" * count}

@@ -12,18 +12,11 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, parse_size
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
-from labyrinth_core.world.dynamics import initial
-from labyrinth_core.world.labyrinth import (
-    MAX_SIDE,
-    MIN_SIDE,
-    TILES,
-    Labyrinth,
-    Structure,
-    Task,
-    identity,
-)
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, Task
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, identity
 
 ROOT = Path(__file__).parents[3]
 VALID = ROOT / "tests" / "data" / "valid"
@@ -99,7 +92,7 @@ def test_the_figures_of_the_supplement_have_these_solutions(figure, task, route,
     labyrinth = load(VALID / f"figure_{figure}.labyrinth")
     found = [labyrinth.key, labyrinth.door, *sorted(labyrinth.ice)]
     assert (labyrinth.task, labyrinth.start, labyrinth.goal, found) == (task, 0, 8, tiles)
-    assert shortest_routes(labyrinth) == [route]
+    assert Solver(labyrinth).shortest_routes() == [route]
 
 
 def test_the_identity_is_that_of_the_canonical_text():
@@ -203,7 +196,7 @@ def test_tiles_and_edges_outside_a_given_size_are_refused():
 def test_hidden_cells_are_covered_and_their_walls_too():
     text = (VALID / "figure_1a_navigation.labyrinth").read_text()
     labyrinth = parse(text.replace("occlusion: False", "occlusion: True"))
-    assert draw_text(labyrinth, initial(labyrinth)).split("\n")[1:6] == [
+    assert draw_text(labyrinth, labyrinth.initial).split("\n")[1:6] == [
         "|   | ? ? E |",
         "|   + ? + ? |",
         "|     ? ? ? |",

@@ -38,9 +38,10 @@ from labyrinth_core.pictures.renderer import (
 )
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 
 NAVIGATION = """
@@ -95,7 +96,7 @@ GOLDEN = (
 """Labyrinths and states whose pixels tests/data/pictures.json holds as hashes.
 
 Other hashes mean other pixels. Then `just renew` writes them down; unless only colours are others,
-`data.observations.PICTURES_VERSION` has to be increased.
+`pictures.observations.PICTURES_VERSION` has to be increased.
 """
 
 COLOURFUL = Style(

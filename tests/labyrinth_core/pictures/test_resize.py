@@ -12,14 +12,13 @@ from support.strategies import labyrinths
 from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.resize import REMEMBERED_BYTES, area_average, shrink
-from labyrinth_core.world.dynamics import state_at, state_count
 
 
 @pytest.mark.slow
 @settings(max_examples=40)
 @given(labyrinths(), st.integers(1, 130) | st.sampled_from([224, 299, 401, 600]), st.data())
 def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
     painter = Painter(labyrinth)
     small = shrink(painter.strips(state), image_size)
     assert small.flags.writeable

@@ -15,8 +15,9 @@ from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import KeptScenes, draw
 from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import State, initial, state_at, state_count
-from labyrinth_core.world.labyrinth import Labyrinth, Look, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look, State, Task
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 
 looks = st.sampled_from(Look)
@@ -28,8 +29,8 @@ image_sizes = st.integers(1, 130) | st.sampled_from([224, 299, 401, 600])
 def views(draw_from: st.DrawFn, *tasks: Task) -> list[tuple[Labyrinth, State]]:
     """Some states of a labyrinth, in any order, with repetitions."""
     labyrinth = replace(draw_from(labyrinths(*tasks)), look=draw_from(looks))
-    numbers = st.lists(st.integers(0, state_count(labyrinth) - 1), min_size=1, max_size=4)
-    return [(labyrinth, state_at(labyrinth, number)) for number in draw_from(numbers)]
+    numbers = st.lists(st.integers(0, labyrinth.state_count - 1), min_size=1, max_size=4)
+    return [(labyrinth, labyrinth.state_at(number)) for number in draw_from(numbers)]
 
 
 def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> None:
@@ -55,8 +56,8 @@ def test_states_drawn_together_are_those_drawn_plainly(several, image_size, rand
 def test_cells_hardly_larger_than_a_pixel_or_smaller_are_exact(height, width, image_size, task):
     rng = np.random.default_rng(height)
     labyrinth = sample_labyrinth(height, width, task, rng)
-    numbers = rng.integers(state_count(labyrinth), size=3).tolist()
-    drawn = [(labyrinth, state_at(labyrinth, number)) for number in numbers]
+    numbers = rng.integers(labyrinth.state_count, size=3).tolist()
+    drawn = [(labyrinth, labyrinth.state_at(number)) for number in numbers]
     assert_plain(draw(drawn, image_size), drawn)
 
 
@@ -66,7 +67,7 @@ def test_many_pictures_are_those_of_each_labyrinth_alone(task):
     """They are drawn in several turns, since they and their sums are larger than a cache."""
     rng = np.random.default_rng(0)
     sampled = [sample_labyrinth(4, 4, task, rng) for _ in range(30)]
-    each = [[(own, state_at(own, number)) for number in range(16)] for own in sampled]
+    each = [[(own, own.state_at(number)) for number in range(16)] for own in sampled]
     several = draw([view for views in each for view in views], 120)
     np.testing.assert_array_equal(several, np.concatenate([draw(views, 120) for views in each]))
 
@@ -81,11 +82,11 @@ def test_kept_scenes_show_any_states_in_one_go(task, monkeypatch):
         Backdrops, "draw", lambda self, *given: parts.append(self) or DRAW(self, *given)
     )
     which = rng.integers(len(sampled), size=40)
-    states = rng.integers(state_count(sampled[0]), size=len(which))
+    states = rng.integers(sampled[0].state_count, size=len(which))
     seen = KeptScenes(Labyrinths.of(sampled), 30).draw(which, states)
     assert len(parts) == 1
     views = zip([sampled[each] for each in which], states.tolist(), strict=True)
-    assert_plain(seen, [(labyrinth, state_at(labyrinth, state)) for labyrinth, state in views])
+    assert_plain(seen, [(labyrinth, labyrinth.state_at(state)) for labyrinth, state in views])
 
 
 @pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
@@ -98,7 +99,7 @@ def test_the_memory_of_kept_scenes_is_known_before_they_are_drawn(task):
 @given(labyrinths(), st.integers(1, 600), st.data())
 @settings(max_examples=25)
 def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
     wall_pixels = data.draw(st.sampled_from([None, 2]))
     size = labyrinth.structure.height, labyrinth.structure.width
     painter = Painter(labyrinth, style_for(labyrinth.look, *size, wall_pixels))
@@ -120,7 +121,7 @@ def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
     walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
 
     def vanished(wall_pixels, resize):
-        view = [(walled, initial(walled))]
+        view = [(walled, walled.initial)]
         (picture,) = draw(view, 64, wall_pixels=wall_pixels, resize=resize)
         row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
         near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]

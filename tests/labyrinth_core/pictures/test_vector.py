@@ -9,8 +9,7 @@ from support.strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import initial, state_at, state_count
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 
 def expected(labyrinth, state):
@@ -40,7 +39,7 @@ def expected(labyrinth, state):
 
 @given(labyrinths(), st.data())
 def test_a_vector_has_the_positions_and_what_is_seen_of_the_walls(labyrinth, data):
-    state = state_at(labyrinth, data.draw(st.integers(0, state_count(labyrinth) - 1)))
+    state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
     vector = vector_observation(labyrinth, state)
     assert vector.dtype == np.int32
     assert vector.tolist() == expected(labyrinth, state)
@@ -48,6 +47,6 @@ def test_a_vector_has_the_positions_and_what_is_seen_of_the_walls(labyrinth, dat
 
 def test_each_vector_is_the_callers_own():
     labyrinth = parse(KEY_AND_DOOR)
-    first = vector_observation(labyrinth, initial(labyrinth))
+    first = vector_observation(labyrinth, labyrinth.initial)
     first[:] = 9
-    assert vector_observation(labyrinth, initial(labyrinth)).max() < 15
+    assert vector_observation(labyrinth, labyrinth.initial).max() < 15

@@ -6,10 +6,9 @@ import pytest
 import torch
 from torch import nn
 
-from labyrinth_core.pictures.vector import tile_count
 from labyrinth_core.policies.networks.network import Mlp, Network, ResNet18, as_input
 from labyrinth_core.policies.spec import NetworkSpec
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 
 pytestmark = pytest.mark.slow
 
@@ -60,7 +59,7 @@ def test_pictures_give_four_scores(encoder: str, frames: int) -> None:
 @pytest.mark.parametrize("frames", [1, 2])
 @pytest.mark.parametrize("task", list(Task))
 def test_vectors_give_four_scores(task: Task, frames: int) -> None:
-    tiles, grid = tile_count(task), 5 * 7
+    tiles, grid = task.rules.positions, 5 * 7
     vectors = torch.zeros((2, tiles + grid), dtype=torch.int32)
     vectors[:, :tiles] = torch.tensor([-1, grid - 1] * 3)[:tiles]
     seen = torch.cat([vectors] * frames, -1)

@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 from support.policies import lay_out_run
 
-from labyrinth_core import DatasetError, open_policy
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core import DatasetError, load_policy, open_policy
+from labyrinth_core.data.storage import File
 from labyrinth_core.policies.opening import PolicyNameError
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 
@@ -24,12 +24,23 @@ def run(tmp_path: Path) -> Path:
 def test_a_run_says_how_it_was_trained_and_what_its_files_are(run: Path) -> None:
     policy = open_policy(run)
     assert (policy.run.name, policy.run.seed) == ("bc-mlp-seed3", 3)
-    weights = file_sha256(run / "policy.safetensors")
+    weights = File(run / "model.safetensors").sha256()
     assert policy.run.evaluated["weights"] == weights
     assert (policy.origin.source, policy.origin.commit) == (str(run), None)
-    files = {name: file_sha256(run / name) for name in ("policy.safetensors", "run.json")}
+    files = {name: File(run / name).sha256() for name in ("model.safetensors", "config.json")}
     assert policy.origin.files == files
     assert open_policy(f"{run}@{weights}").origin.files == files
+
+
+def test_a_run_of_an_earlier_version_is_refused_with_what_to_do(run: Path) -> None:
+    (run / "model.safetensors").rename(run / "policy.safetensors")
+    (run / "config.json").unlink()
+    record = (run / "run.json").read_text(encoding="utf-8")
+    (run / "run.json").write_text(record.replace('"format": 2', '"format": 1'), encoding="utf-8")
+    told = "it.format is 1, not 2; stages=train overwrite=true makes it again"
+    for load in (open_policy, load_policy):
+        with pytest.raises(DatasetError, match=rf"run.json cannot be read: {told}\Z"):
+            load(run)
 
 
 def test_the_run_of_a_method_in_python_may_have_other_rules_than_its_network(
@@ -50,7 +61,7 @@ def test_what_cannot_be_opened_is_told_in_one_line(run: Path, tmp_path: Path) ->
         (
             f"{run}@{'0' * 64}",
             DatasetError,
-            f"{run}: policy.safetensors differs from the named rev",
+            f"{run}: model.safetensors differs from the named rev",
         ),
         (
             tmp_path / "empty",

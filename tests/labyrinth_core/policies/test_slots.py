@@ -10,8 +10,8 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
 from labyrinth_core.policies.networks.slots import (
     Slots,
 )
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.tasks import sample_labyrinth
 
 RNG = np.random.default_rng(0)

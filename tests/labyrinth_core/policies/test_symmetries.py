@@ -16,8 +16,9 @@ from labyrinth_core.policies.networks.symmetry import (
     transform,
     transformed_actions,
 )
-from labyrinth_core.world.dynamics import State, transition
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State
+from labyrinth_core.world.structure import Structure
 
 pytestmark = pytest.mark.slow
 
@@ -45,9 +46,9 @@ def test_a_transformed_action_does_what_the_action_did(symmetry: int) -> None:
         apart = (seen.float() - picture(turned, State(where[cell])).float()).abs().mean()
         assert apart < 255 / 50
         for action in range(4):
-            after = transition(labyrinth, State(cell), action).agent
+            after = labyrinth.transition(State(cell), action).agent
             turned_action = transformed_actions(symmetry)[action]
-            assert transition(turned, State(where[cell]), turned_action).agent == where[after]
+            assert turned.transition(State(where[cell]), turned_action).agent == where[after]
 
 
 def test_averaged_outputs_are_transformed_with_the_picture() -> None:

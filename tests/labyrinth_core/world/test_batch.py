@@ -7,18 +7,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.world.batch import Tables, tabulate, tabulate_many
+from labyrinth_core.world.batch import Tables
 from labyrinth_core.world.batch_sampling import sample_each
-from labyrinth_core.world.dynamics import is_terminal, reward, state_at
 from labyrinth_core.world.labyrinth import Labyrinth
 
 
 @given(labyrinths())
 def test_rewards_and_ends_are_those_of_the_dynamics(labyrinth):
-    tables = tabulate(labyrinth)
+    tables = Tables.of(labyrinth)
     for number, (paid, ends) in enumerate(zip(tables.rewards, tables.terminal, strict=True)):
-        state = state_at(labyrinth, number)
-        assert (paid, ends) == (reward(labyrinth, state), is_terminal(labyrinth, state))
+        state = labyrinth.state_at(number)
+        assert (paid, ends) == (labyrinth.reward(state), labyrinth.is_terminal(state))
 
 
 @given(st.integers(2, 7), st.integers(2, 7), st.integers(0, 2**32), st.booleans())
@@ -26,9 +25,9 @@ def test_tables_of_many_are_those_of_each_labyrinth(height, width, seed, normali
     rng = np.random.default_rng(seed)
     start, goal = rng.choice(height * width, 2, replace=False).tolist()
     structures = sample_each(height, width, rng.spawn(4)).structures
-    together = tabulate_many(structures, start, goal, normalised=normalised)
+    together = Tables.of_many(structures, start, goal, normalised=normalised)
     for place in range(len(structures)):
-        alone = tabulate(Labyrinth(structures[place], start, goal), normalised=normalised)
+        alone = Tables.of(Labyrinth(structures[place], start, goal), normalised=normalised)
         assert alone.initial == together.initial
         for name in [each.name for each in fields(Tables)][1:]:
             ours, theirs = getattr(together, name)[place], getattr(alone, name)

@@ -18,27 +18,15 @@ from support.brute_force import (
 )
 from support.strategies import labyrinths, structures
 
+from labyrinth_core.world.batch import seen_together
 from labyrinth_core.world.dynamics import (
-    Action,
     Episode,
-    State,
-    initial,
-    is_terminal,
-    neighbours,
-    random_episode,
     replay,
-    reward,
-    seen_together,
-    state_at,
-    state_count,
-    state_index,
-    step_limit,
-    transition,
-    transition_table,
-    visible_from,
 )
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, State, neighbours
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 
 
 def state_of(world, situation):
@@ -61,36 +49,36 @@ def test_an_action_leads_to_the_neighbour_in_its_direction(height, width, data):
 
 @given(labyrinths())
 def test_every_state_has_a_number_of_its_own(labyrinth):
-    numbers = range(state_count(labyrinth))
-    states = [state_at(labyrinth, number) for number in numbers]
-    assert [state_index(labyrinth, state) for state in states] == list(numbers)
+    numbers = range(labyrinth.state_count)
+    states = [labyrinth.state_at(number) for number in numbers]
+    assert [labyrinth.state_index(state) for state in states] == list(numbers)
     world = world_of(labyrinth)
     allowed = {state_of(world, situation) for situation in situations(world)}
     assert allowed <= set(states)
     # The agent is never in a closed door, nor on the key without it: those three mean nothing.
     assert len(states) - len(allowed) == (3 if world.door else 0)
-    assert state_index(labyrinth, initial(labyrinth)) == labyrinth.start
+    assert labyrinth.state_index(labyrinth.initial) == labyrinth.start
 
 
 @given(labyrinths())
 def test_the_transition_table_is_transition_by_numbers(labyrinth):
-    world, table = world_of(labyrinth), transition_table(labyrinth)
-    assert len(table) == state_count(labyrinth)
+    world, table = world_of(labyrinth), labyrinth.transition_table()
+    assert len(table) == labyrinth.state_count
     for situation in situations(world):
         state = state_of(world, situation)
-        row = table[state_index(labyrinth, state)]
+        row = table[labyrinth.state_index(state)]
         for action in Action:
-            assert state_at(labyrinth, row[action]) == transition(labyrinth, state, action)
+            assert labyrinth.state_at(row[action]) == labyrinth.transition(state, action)
             if not is_over(world, situation):
                 expected = state_of(world, step(world, situation, action)[0])
-                assert state_at(labyrinth, row[action]) == expected
+                assert labyrinth.state_at(row[action]) == expected
 
 
 @given(labyrinths())
 def test_an_episode_of_forty_steps_a_cell_without_the_goal_returns_minus_four(labyrinth):
-    assert step_limit(labyrinth) == 40 * len(world_of(labyrinth).places())
-    each = reward(labyrinth, initial(labyrinth))
-    assert sum([each] * step_limit(labyrinth)) == pytest.approx(-4.0)
+    assert labyrinth.step_limit == 40 * len(world_of(labyrinth).places())
+    each = labyrinth.reward(labyrinth.initial)
+    assert sum([each] * labyrinth.step_limit) == pytest.approx(-4.0)
 
 
 # Episodes.
@@ -134,7 +122,7 @@ def test_a_replay_visits_and_pays_what_the_rules_say(labyrinth, route):
 
 @given(labyrinths(), st.lists(st.integers(0, 3), min_size=1, max_size=60))
 def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
-    route = [*shortest_route(labyrinth, np.random.default_rng(0)), *more]
+    route = [*Solver(labyrinth).shortest_route(np.random.default_rng(0)), *more]
     steps = len(route) - len(more)
     assert replay(labyrinth, route[:steps]).terminated
     with pytest.raises(ValueError, match=f"^the episode ends after {steps} steps, but an action"):
@@ -159,17 +147,17 @@ def test_an_episode_has_one_action_and_one_reward_for_each_state_but_the_last(ac
 
 @given(labyrinths(), seeds, st.integers(0, 300))
 def test_a_random_episode_ends_at_its_first_end_or_is_cut(labyrinth, seed, max_steps):
-    episode = random_episode(labyrinth, np.random.default_rng(seed), max_steps)
+    episode = Episode.random(labyrinth, np.random.default_rng(seed), max_steps)
     assert len(episode) <= max_steps
     assert episode.terminated or len(episode) == max_steps
-    assert not any(is_terminal(labyrinth, state) for state in episode.states[:-1])
+    assert not any(labyrinth.is_terminal(state) for state in episode.states[:-1])
     for action, (state, after) in zip(episode.actions, pairwise(episode.states), strict=True):
-        assert transition(labyrinth, state, action) == after
+        assert labyrinth.transition(state, action) == after
 
 
 def test_random_episodes_take_each_action_as_often_as_the_others():
     rng = np.random.default_rng(7)
-    firsts = [int(random_episode(ROOM, rng, 1).actions[0]) for _ in range(4000)]
+    firsts = [int(Episode.random(ROOM, rng, 1).actions[0]) for _ in range(4000)]
     counts = np.bincount(firsts, minlength=4)
     assert len(counts) == 4
     assert chi_square(counts.tolist(), [1000] * 4) < 5
@@ -187,14 +175,14 @@ def test_exactly_the_places_on_unbroken_lines_of_sight_are_seen(structure):
             for target in range(structure.cells)
             if sees(passages, divmod(cell, width), divmod(target, width))
         }
-        assert visible_from(structure, cell) == expected
+        assert structure.visible_from(cell) == expected
 
 
 def test_a_cell_can_see_another_that_does_not_see_it():
     """A diagonal goes to the side first, as docs/make.md says; here that way has no wall."""
     structure = Structure.from_passages(2, 2, [(0, 1), (1, 3)])
-    assert 3 in visible_from(structure, 0)
-    assert 0 not in visible_from(structure, 3)
+    assert 3 in structure.visible_from(0)
+    assert 0 not in structure.visible_from(3)
 
 
 @given(structures())
@@ -205,4 +193,4 @@ def test_many_agents_at_once_see_what_each_of_them_sees(structure):
     agents = first + np.arange(cells)
     seen = seen_together(moves, agents, max(structure.height, structure.width))
     for cell, row in enumerate(seen.reshape(cells, cells)):
-        assert set(np.flatnonzero(row)) == visible_from(structure, cell)
+        assert set(np.flatnonzero(row)) == structure.visible_from(cell)

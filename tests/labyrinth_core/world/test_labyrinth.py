@@ -22,17 +22,10 @@ from support.brute_force import (
 )
 from support.strategies import labyrinths, randoms, structures
 
-from labyrinth_core.world.dynamics import Action
-from labyrinth_core.world.labyrinth import (
-    UNREACHABLE,
-    Labyrinth,
-    LabyrinthError,
-    Look,
-    Structure,
-    Task,
-    whole,
-)
-from labyrinth_core.world.solver import least_moves
+from labyrinth_core.checks import whole
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Action, LabyrinthError, Look, Task
+from labyrinth_core.world.structure import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 
 # Passages.
@@ -129,7 +122,7 @@ def test_numbers_of_numpys_are_as_good_as_pythons():
     theirs = Labyrinth(structure, cells[0], cells[99], Task.ICY_FLOOR, ice=frozenset({cells[70]}))
     assert theirs == ours
     assert {type(cell) for cell in (theirs.start, theirs.goal, *theirs.ice)} == {int}
-    assert least_moves(structure, theirs.start, theirs.goal) == 18
+    assert structure.least_moves(theirs.start, theirs.goal) == 18
     with pytest.raises(ValueError, match=r"^goal=True: give a whole number$"):
         Labyrinth(structure, 0, True)
 

@@ -14,12 +14,12 @@ from support.brute_force import (
     passages_of,
 )
 
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import (
     ALGORITHMS,
     default_open_walls,
     sample_structures,
 )
+from labyrinth_core.world.structure import Structure
 
 seeds = st.integers(0, 2**64 - 1)
 sides = st.integers(2, 7)

@@ -23,24 +23,16 @@ from support.brute_force import simple_routes as brute_simple_routes
 from support.strategies import labyrinths, structures
 
 from labyrinth_core.world.dynamics import (
-    State,
-    random_episode,
+    Episode,
     replay,
-    state_count,
-    state_index,
-    transition_table,
 )
-from labyrinth_core.world.labyrinth import UNREACHABLE, Labyrinth, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import (
     RouteMemory,
-    distances,
-    least_moves,
-    moves_and_routes,
-    optimal_actions,
-    shortest_route,
-    shortest_routes,
-    simple_routes,
+    Solver,
 )
+from labyrinth_core.world.structure import UNREACHABLE, Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 
 
@@ -52,12 +44,12 @@ def without_walls(height, width):
 def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
     world = world_of(labyrinth)
     moves, best = moves_to_go(world), best_actions(world)
-    found, optimal = distances(labyrinth), optimal_actions(labyrinth)
-    assert len(found) == state_count(labyrinth)
-    assert optimal.shape == (state_count(labyrinth), 4)
+    found, optimal = Solver(labyrinth).distances, Solver(labyrinth).optimal_actions()
+    assert len(found) == labyrinth.state_count
+    assert optimal.shape == (labyrinth.state_count, 4)
     for situation in situations(world):
         (row, column), has_key, door_open = situation
-        number = state_index(labyrinth, State(row * world.width + column, has_key, door_open))
+        number = labyrinth.state_index(State(row * world.width + column, has_key, door_open))
         assert found[number] == moves.get(situation, UNREACHABLE)
         assert set(np.flatnonzero(optimal[number]).tolist()) == best[situation]
     if labyrinth.door is not None:  # The agent cannot stand in it while it is closed.
@@ -70,7 +62,7 @@ def test_every_state_is_solved_optimally_wherever_the_tiles_lie(labyrinth):
 def test_every_simple_route_is_found_once_the_shortest_first_wherever_the_tiles_lie(labyrinth):
     routes = brute_simple_routes(world_of(labyrinth))
     in_order = sorted(routes, key=lambda route: (len(route), route))
-    assert list(map(tuple, simple_routes(labyrinth))) == in_order
+    assert list(map(tuple, Solver(labyrinth).simple_routes())) == in_order
 
 
 @given(labyrinths())
@@ -88,9 +80,9 @@ def test_every_shortest_route_is_found_once_wherever_the_tiles_lie(labyrinth):
         ]
 
     routes = onward((world.start, False, False))
-    assert shortest_routes(labyrinth) == routes
-    assert shortest_route(labyrinth, np.random.default_rng(0)) in routes
-    assert moves_and_routes(labyrinth) == (len(routes[0]), len(routes))
+    assert Solver(labyrinth).shortest_routes() == routes
+    assert Solver(labyrinth).shortest_route(np.random.default_rng(0)) in routes
+    assert Solver(labyrinth).moves_and_routes() == (len(routes[0]), len(routes))
 
 
 # One shortest route of several.
@@ -124,9 +116,10 @@ A_KEY_TO_FETCH = """
 def test_every_shortest_route_is_equally_likely(drawing, count):
     world = drawn(drawing)
     labyrinth = labyrinth_of(world, Task.KEY_AND_DOOR if world.door else Task.NAVIGATION)
-    routes = list(map(tuple, shortest_routes(labyrinth)))
+    routes = list(map(tuple, Solver(labyrinth).shortest_routes()))
     draws = [
-        tuple(shortest_route(labyrinth, np.random.default_rng(seed))) for seed in range(500 * count)
+        tuple(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
+        for seed in range(500 * count)
     ]
     counts = Counter(draws)
     assert len(routes) == count
@@ -136,7 +129,7 @@ def test_every_shortest_route_is_equally_likely(drawing, count):
 
 def test_a_count_of_routes_beyond_any_machine_word_is_no_obstacle():
     labyrinth = without_walls(50, 50)
-    route = shortest_route(labyrinth, np.random.default_rng(5))
+    route = Solver(labyrinth).shortest_route(np.random.default_rng(5))
     assert len(route) == 98
     assert replay(labyrinth, route).terminated
 
@@ -146,15 +139,15 @@ def test_a_count_of_routes_beyond_any_machine_word_is_no_obstacle():
 
 @given(labyrinths(Task.NAVIGATION, Task.KEY_AND_DOOR), st.integers(0, 6))
 def test_a_limit_cuts_the_shortest_routes_in_order(labyrinth, limit):
-    assert shortest_routes(labyrinth, limit) == shortest_routes(labyrinth)[:limit]
+    assert Solver(labyrinth).shortest_routes(limit) == Solver(labyrinth).shortest_routes()[:limit]
 
 
 def test_a_limit_gives_so_many_of_the_simple_routes_shortest_first():
     labyrinth = without_walls(4, 4)
-    routes = set(map(tuple, simple_routes(labyrinth)))
+    routes = set(map(tuple, Solver(labyrinth).simple_routes()))
     assert len(routes) == 184
     for limit in (0, 1, 7, 183, 184, 500):
-        some = list(map(tuple, simple_routes(labyrinth, limit)))
+        some = list(map(tuple, Solver(labyrinth).simple_routes(limit)))
         assert len(set(some)) == len(some) == min(limit, 184)
         assert set(some) <= routes
         assert some == sorted(some, key=lambda route: (len(route), route))
@@ -181,33 +174,34 @@ def lines_run(function):
 @pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
 def test_the_work_for_two_routes_is_a_few_walks_through_the_labyrinth(task):
     labyrinth = sample_labyrinth(40, 40, task, np.random.default_rng(0), open_walls=0)
-    table = transition_table(labyrinth)
-    assert lines_run(lambda: simple_routes(labyrinth, 2)) < 60 * len(table)
+    table = labyrinth.transition_table()
+    assert lines_run(lambda: Solver(labyrinth).simple_routes(2)) < 60 * len(table)
 
 
-@pytest.mark.parametrize("routes", [simple_routes, shortest_routes])
+@pytest.mark.parametrize("routes", [Solver.simple_routes, Solver.shortest_routes])
 def test_no_more_routes_are_looked_for_than_the_limit_says(routes):
     labyrinth = without_walls(5, 5)
-    assert lines_run(lambda: routes(labyrinth, 2)) < lines_run(lambda: routes(labyrinth, 40)) / 3
+    few, many = (lines_run(lambda n=n: routes(Solver(labyrinth), n)) for n in (2, 40))
+    assert few < many / 3
 
 
 def test_a_limit_of_routes_or_steps_is_a_whole_number():
     labyrinth = Labyrinth(Structure.without_walls(2, 2), 0, 3)
-    assert shortest_routes(labyrinth, np.int64(1)) == simple_routes(labyrinth, 1)
+    assert Solver(labyrinth).shortest_routes(np.int64(1)) == Solver(labyrinth).simple_routes(1)
     for wrong in (True, 1.5, -1):
         refused = f"{wrong!r}: give a whole number from 0 on$"
-        for routes in (shortest_routes, simple_routes):
+        for routes in (Solver.shortest_routes, Solver.simple_routes):
             with pytest.raises(ValueError, match=f"^limit={refused}"):
-                routes(labyrinth, wrong)
+                routes(Solver(labyrinth), wrong)
         with pytest.raises(ValueError, match=f"^max_steps={refused}"):
-            random_episode(labyrinth, np.random.default_rng(0), wrong)
+            Episode.random(labyrinth, np.random.default_rng(0), wrong)
 
 
 @given(structures(), st.data())
 def test_the_least_moves_between_two_cells_are_those_that_a_search_finds(structure, data):
     cells = st.integers(0, structure.cells - 1)
     source, target = data.draw(cells), data.draw(cells)
-    assert least_moves(structure, source, target) == structure.distances(source)[target]
+    assert structure.least_moves(source, target) == structure.distances(source)[target]
 
 
 # Remembered routes.
@@ -238,7 +232,7 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
         routes.append(route)
     plain = Labyrinth(labyrinth.structure, labyrinth.start, labyrinth.goal)
     for known in (plain, labyrinth):  # Also routes over ice, and to a door without its key.
-        some = shortest_routes(known, data.draw(st.sampled_from([0, 1, 5])))
+        some = Solver(known).shortest_routes(data.draw(st.sampled_from([0, 1, 5])))
         routes += [[state.agent for state in replay(known, route).states] for route in some]
     ways = []
     for route in routes:

@@ -23,14 +23,12 @@ from support.brute_force import (
 )
 from support.strategies import connected_structures, labyrinths
 
-from labyrinth_core.world.labyrinth import Labyrinth, LabyrinthError, Structure, Task
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import LabyrinthError, Task
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import (
-    change_goal,
-    change_start,
-    change_start_and_goal,
-    draw_start_and_goal,
-    place,
+    Placer,
     sample_labyrinth,
     tiles_matter,
 )
@@ -97,7 +95,7 @@ def ends(draw):
 
 @given(ends(), st.sampled_from([Task.NAVIGATION, Task.PARTIAL_OBSERVABILITY]))
 def test_tasks_without_tiles_need_nothing_placed(where, task):
-    labyrinth = place(*where, task, np.random.default_rng(0))
+    labyrinth = Placer(np.random.default_rng(0)).place(*where, task)
     assert labyrinth == Labyrinth(*where, task)
     assert tiles_matter(labyrinth)
 
@@ -107,9 +105,9 @@ def test_key_and_door_are_placed_by_the_rules_wherever_they_allow_it(where, seed
     allowed = keys_and_doors(world_between(*where))
     if not allowed:
         with pytest.raises(LabyrinthError, match=r"^no place for the (key|door): no"):
-            place(*where, Task.KEY_AND_DOOR, np.random.default_rng(seed))
+            Placer(np.random.default_rng(seed)).place(*where, Task.KEY_AND_DOOR)
         return
-    labyrinth = place(*where, Task.KEY_AND_DOOR, np.random.default_rng(seed))
+    labyrinth = Placer(np.random.default_rng(seed)).place(*where, Task.KEY_AND_DOOR)
     assert (labyrinth.structure, labyrinth.start, labyrinth.goal) == where
     assert (labyrinth.key, labyrinth.door) in allowed
     assert keeps_the_rules(world_of(labyrinth), Task.KEY_AND_DOOR)
@@ -125,17 +123,17 @@ def test_a_tile_that_is_given_stays_and_gets_the_other_if_one_fits(tile, where, 
     allowed = [pair for pair in pairs if pair[tile] == given_cell]
     rng, given_tile = np.random.default_rng(seed), {tile: given_cell}
     if allowed:
-        labyrinth = place(*where, Task.KEY_AND_DOOR, rng, **given_tile)
+        labyrinth = Placer(rng).place(*where, Task.KEY_AND_DOOR, **given_tile)
         assert {"key": labyrinth.key, "door": labyrinth.door} in allowed
     else:
         with pytest.raises(LabyrinthError):
-            place(*where, Task.KEY_AND_DOOR, rng, **given_tile)
+            Placer(rng).place(*where, Task.KEY_AND_DOOR, **given_tile)
 
 
 @given(ends(), seeds)
 def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed):
     world = world_between(*where)
-    labyrinth = made_or_reason(place, *where, Task.ICY_FLOOR, np.random.default_rng(seed))
+    labyrinth = made_or_reason(Placer(np.random.default_rng(seed)).place, *where, Task.ICY_FLOOR)
     if isinstance(labyrinth, str):
         assert labyrinth.startswith("no place for ice: blocking the shortest routes")
         return
@@ -162,10 +160,10 @@ def test_ice_is_placed_wherever_it_can_matter():
         for seed in range(5):
             rng = np.random.default_rng(seed)
             if can:
-                place(*where, Task.ICY_FLOOR, rng)
+                Placer(rng).place(*where, Task.ICY_FLOOR)
             else:
                 with pytest.raises(LabyrinthError, match=r"^no place for ice"):
-                    place(*where, Task.ICY_FLOOR, rng)
+                    Placer(rng).place(*where, Task.ICY_FLOOR)
 
 
 def test_every_place_for_key_and_door_comes_up():
@@ -174,7 +172,7 @@ def test_every_place_for_key_and_door_comes_up():
     placed = Counter()
     for seed in range(400):
         rng = np.random.default_rng(seed)
-        labyrinth = place(structure, 0, 15, Task.KEY_AND_DOOR, rng)
+        labyrinth = Placer(rng).place(structure, 0, 15, Task.KEY_AND_DOOR)
         placed[labyrinth.key, labyrinth.door] += 1
     assert len(allowed) > 10
     assert set(placed) == allowed
@@ -185,7 +183,7 @@ def test_every_place_for_key_and_door_comes_up():
 def test_an_end_that_cannot_be_is_named_before_anything_is_placed(task, goal):
     island = Structure(3, 3, 0b11, 0b1)
     with pytest.raises(LabyrinthError, match=r"share a cell|outside the grid|no route leads"):
-        place(island, 0, goal, task, np.random.default_rng(0))
+        Placer(np.random.default_rng(0)).place(island, 0, goal, task)
 
 
 ROOM, CORRIDOR = Structure.without_walls(3, 3), Structure(2, 2, 0b10, 0b0101)
@@ -204,7 +202,7 @@ def test_where_tiles_cannot_be_placed_the_reason_is_given(
     structure, goal, task, given_tiles, message
 ):
     with pytest.raises(LabyrinthError, match=f"^{message}"):
-        place(structure, 0, goal, task, np.random.default_rng(0), **given_tiles)
+        Placer(np.random.default_rng(0)).place(structure, 0, goal, task, **given_tiles)
 
 
 @given(labyrinths())
@@ -228,8 +226,20 @@ def apart(labyrinth, start, goal):
     return abs(row - other_row) + abs(column - other_column)
 
 
+def change_start(labyrinth, rng):
+    return Placer(rng).other_start(labyrinth)
+
+
+def change_goal(labyrinth, rng):
+    return Placer(rng).other_goal(labyrinth)
+
+
+def change_start_and_goal(labyrinth, rng):
+    return Placer(rng).other_ends(labyrinth)
+
+
 def draw_anew(labyrinth, rng):
-    return draw_start_and_goal(labyrinth.structure, labyrinth.task, rng)
+    return Placer(rng).any_ends(labyrinth.structure, labyrinth.task)
 
 
 def far_enough(labyrinth, change):
@@ -260,7 +270,7 @@ def test_start_and_goal_change_to_cells_far_enough_apart_unless_none_hold_the_ta
         assert re.fullmatch(rf"no (other )?(start or )?goal can hold {task}", changed)
         for pair in pairs:
             with pytest.raises(LabyrinthError):
-                place(structure, *pair, task, np.random.default_rng(seed))
+                Placer(np.random.default_rng(seed)).place(structure, *pair, task)
         return
     assert (changed.structure, changed.task) == (structure, task)
     assert (changed.start, changed.goal) in pairs
@@ -274,7 +284,7 @@ def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough()
     ways = {goal: [s for s in range(9) if apart(labyrinth, s, goal) >= 3] for goal in range(9)}
     assert ways.pop(4) == []  # Nothing is far from the middle.
     expected = {(s, goal): 2000 / 8 / len(ways[goal]) for goal in ways for s in ways[goal]}
-    found = (draw_start_and_goal(structure, Task.NAVIGATION, rng) for _ in range(2000))
+    found = (Placer(rng).any_ends(structure, Task.NAVIGATION) for _ in range(2000))
     counts = Counter((each.start, each.goal) for each in found)
     assert set(counts) == set(expected)
     assert chi_square([counts[pair] for pair in expected], expected.values()) < 5

@@ -49,13 +49,11 @@ def test_a_config_that_is_not_there_is_answered_with_those_that_are(small_datase
 
 @pytest.mark.parametrize(("config", "said"), [(None, ["default config 3x3"]), ("3x3", [])])
 def test_a_config_that_the_dataset_chooses_is_told(
-    carded: Path, capsys: pytest.CaptureFixture[str], config: str | None, said: list[str]
+    both: Path, capsys: pytest.CaptureFixture[str], config: str | None, said: list[str]
 ) -> None:
-    assert read_elsewhere(str(carded), config).config == "3x3"
+    assert read_elsewhere(str(both), config).config == "3x3"
     printed = capsys.readouterr().out
-    assert [line.split("; ")[0] for line in printed.splitlines()] == [
-        f"{carded}: {s}" for s in said
-    ]
+    assert [line.split("; ")[0] for line in printed.splitlines()] == [f"{both}: {s}" for s in said]
 
 
 @pytest.mark.slow

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.planting import labyrinths, transposed
+from support.tampering import folder_behind_link
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
@@ -234,3 +235,11 @@ def test_a_source_whose_front_matter_cannot_be_read_is_refused_in_one_line(
     with pytest.raises(DatasetError, match="cannot be read") as caught:
         certified(make_run, folder, tmp_path)
     assert "\n" not in str(caught.value)
+
+
+def test_no_analysis_is_written_through_a_link(files, make_run, tmp_path):
+    (tmp_path / "data").mkdir()
+    elsewhere = folder_behind_link(tmp_path / "data" / "analysis", tmp_path)
+    with pytest.raises(DatasetError, match="analysis is a link, and nothing is written through it"):
+        certified(make_run, files, tmp_path)
+    assert list(elsewhere.iterdir()) == []

@@ -21,13 +21,13 @@ from support.making import RunConfig, resolve
 
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.command.composed import OPTIONS
-from pipeline.config.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
+from pipeline.command.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed
-from pipeline.config.method import METHODS
-from pipeline.config.stages import STAGES
+from pipeline.config.training import METHODS
 from pipeline.training.methods.method import find
 from scripts.write_options import written
 

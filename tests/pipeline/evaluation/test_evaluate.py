@@ -19,7 +19,6 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
-from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
 
@@ -72,7 +71,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     results = Results.load(folder / "results.json", lambda _: known)
     results.require_dataset(known)
     assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
-    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
     for split in EVALUATED_SPLITS:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == success_rate(policy, arrays)
@@ -123,7 +122,7 @@ def test_a_run_whose_dataset_has_moved_is_the_same_run(trained, run_of, tmp_path
     stage.run(run)
     train.run(run)
     assert "is complete already" in capsys.readouterr().out
-    (run.training_folder / "policy.safetensors").unlink()
+    (run.training_folder / "model.safetensors").unlink()
     train.run(run)
     stage.run(run)
 
@@ -182,11 +181,11 @@ def test_a_home_folder_is_named_in_files_as_it_was_typed(trained, run_of, tmp_pa
 def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_path):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(trained.data_dir, tmp_path / "runs")
-    path = run.training_folder / "policy.safetensors"
+    path = run.training_folder / "model.safetensors"
     weights = bytearray(path.read_bytes())
     weights[-1] ^= 1
     path.write_bytes(weights)
-    damaged = "policy.safetensors is damaged: its sha256 is not the one in run.json"
+    damaged = "model.safetensors is damaged: its sha256 is not the one in run.json"
     with pytest.raises(DatasetError, match=damaged):
         stage.run(run)
     with pytest.raises(DatasetError, match=damaged):
@@ -226,7 +225,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     stage.run(trained)
     folder = trained.training_folder
     before = (folder / "results.json").read_bytes()
-    policy = read_policy(folder / "policy.safetensors", train.spec_of(trained))
+    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.
@@ -314,5 +313,5 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
-    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
-    assert shown["name"] == "bc-cnn-labyrinths3"
+    results = Results.load(run.training_folder / "results.json")
+    assert results.run.of_all_seeds == "bc-cnn-labyrinths3"

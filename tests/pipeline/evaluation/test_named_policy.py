@@ -21,9 +21,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.options import source_of
 from pipeline.evaluation import evaluate as stage
 from pipeline.evaluation.named import opened
 from pipeline.evaluation.options import EvaluationOptions
@@ -99,7 +98,7 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
     path = folder / "runs" / "3x3" / f"strange-{name}" / "results.json"
     assert str(path) in capsys.readouterr().out
     content = json.loads(path.read_text(encoding="utf-8"))
-    expected = evaluate(lambda seen: [1] * len(seen), source_of(run), "3x3", splits=["test"])
+    expected = evaluate(lambda seen: [1] * len(seen), run.source, "3x3", splits=["test"])
     assert list(content["splits"]) == ["test"]
     assert content["splits"]["test"]["moves"] == [expected.splits["test"].episodes.moves.tolist()]
     unsaid = dict.fromkeys(("author", "url", "date", "budget"), "")

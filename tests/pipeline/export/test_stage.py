@@ -24,12 +24,13 @@ from support.tampering import content_of
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST, TABLE
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.config.errors import ConfigError
-from pipeline.config.export import EXPORTS
+from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.export import stage
 
 FORMATS = tuple(EXPORTS)
+RECORD = ExportOptions.RECORD
 
 
 @pytest.mark.slow
@@ -48,18 +49,18 @@ def test_a_finished_export_is_kept_and_made_alike_where_it_is_missing_or_damaged
     folder = export(small_dataset, tmp_path, format_, *splits)
     before = content_of(folder)
     shutil.rmtree(folder / "test-v0")
-    (folder / "s0-v0" / stage.RECORD).unlink()
-    kept = (folder / "train-v0" / stage.RECORD).stat().st_ino
+    (folder / "s0-v0" / RECORD).unlink()
+    kept = (folder / "train-v0" / RECORD).stat().st_ino
     export(small_dataset, tmp_path, format_, *splits)
     printed = " ".join(capsys.readouterr().out.split())
     assert "train-v0 is there already" in printed
-    assert f"s0-v0 is made again, because missing: {stage.RECORD}." in printed
-    assert (folder / "train-v0" / stage.RECORD).stat().st_ino == kept
+    assert f"s0-v0 is made again, because missing: {RECORD}." in printed
+    assert (folder / "train-v0" / RECORD).stat().st_ino == kept
     assert content_of(folder) == before
 
-    (folder / "s0-v0" / stage.RECORD).write_text("{")
+    (folder / "s0-v0" / RECORD).write_text("{")
     shutil.rmtree(folder / "test-v0")
-    reason = f"s0-v0 holds {stage.RECORD}, damaged or changed since it was made: give overwrite"
+    reason = f"s0-v0 holds {RECORD}, damaged or changed since it was made: give overwrite"
     with pytest.raises(DatasetError, match=reason):
         export(small_dataset, tmp_path, format_, *splits)
     assert not (folder / "test-v0").exists()
@@ -77,20 +78,20 @@ def test_an_export_with_other_options_is_replaced_only_when_that_is_asked_for(
         export(small_dataset, tmp_path, "lerobot", "train", image_size=8)
     assert content_of(folder) == before
     export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
-    assert json.loads((folder / "train-v0" / stage.RECORD).read_bytes())["image_size"] == 8
+    assert json.loads((folder / "train-v0" / RECORD).read_bytes())["image_size"] == 8
     assert [path.name for path in folder.iterdir()] == ["train-v0"]
 
 
 def test_what_is_no_export_is_never_replaced_and_stops_the_stage_before_the_first_split(
     small_dataset: Run, tmp_path
 ):
-    theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0" / stage.RECORD
+    theirs = tmp_path / "lerobot" / "labyrinth" / "3x3" / "test-v0" / RECORD
     theirs.parent.mkdir(parents=True)
     theirs.write_text("mine")
-    message = f"test-v0 holds {stage.RECORD}, which would be lost: move it elsewhere, or choose"
+    message = f"test-v0 holds {RECORD}, which would be lost: move it elsewhere, or choose"
     with pytest.raises(DatasetError, match=message):
         export(small_dataset, tmp_path, "lerobot", overwrite=True)
-    assert content_of(tmp_path) == {f"lerobot/labyrinth/3x3/test-v0/{stage.RECORD}": b"mine"}
+    assert content_of(tmp_path) == {f"lerobot/labyrinth/3x3/test-v0/{RECORD}": b"mine"}
 
 
 def test_litter_in_an_export_stops_nothing(small_dataset: Run, tmp_path, capsys):
@@ -101,7 +102,7 @@ def test_litter_in_an_export_stops_nothing(small_dataset: Run, tmp_path, capsys)
     assert "train-v0 is there already" in capsys.readouterr().out
     assert litter.exists()
     export(small_dataset, tmp_path, "lerobot", "train", image_size=8, overwrite=True)
-    assert json.loads((made / stage.RECORD).read_bytes())["image_size"] == 8
+    assert json.loads((made / RECORD).read_bytes())["image_size"] == 8
 
 
 def test_an_export_may_lie_in_a_folder_whose_name_has_a_colon(
@@ -111,7 +112,7 @@ def test_an_export_may_lie_in_a_folder_whose_name_has_a_colon(
     shutil.copytree(small_dataset.data_dir, "da:ta")
     for format_ in FORMATS:
         made = export(small_dataset, Path("a:b"), format_, "test", dataset="da:ta")
-        assert (made / "test-v0" / stage.RECORD).is_file()
+        assert (made / "test-v0" / RECORD).is_file()
 
 
 @contextmanager
@@ -182,7 +183,7 @@ def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset
     table = pq.read_table(path)
     pq.write_table(table.take([*range(1, len(table)), 0]), path)
     content = json.loads((path.parent / MANIFEST).read_bytes())
-    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+    content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": File(path).sha256()}
     (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
@@ -209,7 +210,7 @@ def test_a_dataset_on_the_hub_is_exported_like_its_folder_with_the_licence_of_it
     run, asked = build(tmp_path / "data"), []
     (run.data_dir / "README.md").write_text("---\nlicense: [mit, cc0-1.0]\nconfigs: []\n---\n")
     own = export(run, tmp_path / "own", "lerobot", "test")
-    assert json.loads((own / "test-v0" / stage.RECORD).read_bytes())["licence"] == "mit, cc0-1.0"
+    assert json.loads((own / "test-v0" / RECORD).read_bytes())["licence"] == "mit, cc0-1.0"
 
     def download(_repo_id, _repo_type, _commit, names):
         asked.extend(names)

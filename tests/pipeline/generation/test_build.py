@@ -26,16 +26,16 @@ from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.data.storage import temporary_beside
+from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace
 from pipeline.generation.check import validate
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery.dataset import build_versions
+from pipeline.machinery.versions import build_versions
 
 Build = Callable[..., Run]
 
@@ -339,7 +339,7 @@ def test_a_damaged_shard_is_made_again_and_no_other(
     building = stop_after(tmp_path, 2)
     shard, other = sorted(building.glob("shards/*.parquet"))
     damage(building / file.format(shard.stem))
-    temporary_beside(building / "test-00000-of-00001.parquet").write_bytes(b"half of it")
+    LocalFile(building / "test-00000-of-00001.parquet").temporary().write_bytes(b"half of it")
     kept = identities(building / "shards")[other.name]
     folder = build(tmp_path).folder
     assert content_of(folder) == content_of(small_dataset.folder)

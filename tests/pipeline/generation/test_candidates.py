@@ -19,11 +19,11 @@ from support.tampering import content_of, cut_short
 from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing, draw_labyrinths
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
 from pipeline.generation.structures import sample
@@ -71,7 +71,7 @@ def test_labyrinths_can_be_drawn_without_a_build(
     monkeypatch.setattr(drawing, "CELLS_PER_CHUNK", CHUNKS)
     for split in SAMPLED_SPLITS:
         structures = unpack(config, taken[split])
-        assert list(islice(draw_labyrinths(config, split), config.labyrinths)) == [
+        assert list(islice(Drawing(config).labyrinths(split), config.labyrinths)) == [
             Drawing(config).labyrinth(split, each) for each in structures
         ]
 

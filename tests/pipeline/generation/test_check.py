@@ -29,8 +29,10 @@ from support.tampering import (
 )
 
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth, Structure, Task
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Task
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.generation import check as validation
 
 Build = Callable[..., Run]
@@ -153,13 +155,13 @@ def a_text_not_in_the_canonical_form(rows: Rows, _: Path) -> str:
 
 def a_labyrinth_of_another_size(rows: Rows, _: Path) -> str:
     its = Labyrinth(Structure.without_walls(3, 4), 0, 11)
-    replace_first(rows, "train", its, shortest_routes(its)[0])
+    replace_first(rows, "train", its, Solver(its).shortest_routes()[0])
     return "row 0 info: a labyrinth of 3x4"
 
 
 def a_labyrinth_of_another_task(rows: Rows, _: Path) -> str:
     its = Labyrinth(parse(rows[0]["info"]).structure, 0, 8, Task.PARTIAL_OBSERVABILITY)
-    replace_first(rows, "train", its, shortest_routes(its)[0])
+    replace_first(rows, "train", its, Solver(its).shortest_routes()[0])
     return "row 0 info: a labyrinth of 3x3, partial_observability"
 
 
@@ -186,7 +188,7 @@ def a_longer_route_with_the_right_pictures(rows: Rows, _: Path) -> str:
 def the_second_labyrinth_in_place_of_the_first(split: str) -> Change:
     def change(rows: Rows, _: Path) -> str:
         its = parse(next(row["info"] for row in rows if row["info"] != rows[0]["info"]))
-        replace_first(rows, split, its, shortest_routes(its)[0])
+        replace_first(rows, split, its, Solver(its).shortest_routes()[0])
         return "row 0 info: its structure is not that of its parent in train"
 
     return change
@@ -200,7 +202,7 @@ def a_labyrinth_more_than_there_are_parents(rows: Rows, _: Path) -> str:
 
 def ends_too_near_to_each_other(rows: Rows, _: Path) -> str:
     its = Labyrinth(parse(rows[0]["info"]).structure, 4, 5)
-    replace_first(rows, "s0_and_g", its, shortest_routes(its)[0])
+    replace_first(rows, "s0_and_g", its, Solver(its).shortest_routes()[0])
     return "row 0 info: start and goal are less than 3 moves apart"
 
 
@@ -209,7 +211,7 @@ def the_mirror_image_of_a_structure_of_train(rows: Rows, folder: Path) -> str:
     images = {its: its.transposed() for its in (parse(text).structure for text in texts)}
     image = next(image for its, image in images.items() if its != image)
     its = Labyrinth(image, 0, image.cells - 1)
-    replace_first(rows, "test", its, shortest_routes(its)[0])
+    replace_first(rows, "test", its, Solver(its).shortest_routes()[0])
     return "row 0 info: the structure belongs to train"
 
 

@@ -19,7 +19,7 @@ from support.tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
 from labyrinth_core.data.manifest import TABLE, Manifest, table_file
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 
 pytestmark = pytest.mark.slow
 
@@ -43,7 +43,7 @@ def write(folder: Path, table: pa.Table, *, agree: bool = True, **options: int) 
     pq.write_table(table, path, **options)
     if agree:
         with manifest_of(folder) as content:
-            content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": file_sha256(path)}
+            content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": File(path).sha256()}
 
 
 def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Path) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 import shutil
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -15,14 +14,11 @@ from support.making import Run
 from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SAMPLED_SPLITS
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.buckets import split_of
-from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.release import card
+from labyrinth_core.world.rules import Task
+from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 
 pytestmark = pytest.mark.slow
 
@@ -133,7 +129,7 @@ def test_no_structure_of_a_split_is_a_rotation_or_reflection_of_one_in_another(t
         assert all(owner[image] == split for images in found for image in images)
     # In the three buckets there are such structures, but for the rule.
     buckets = tiny.dataset.buckets
-    mixed = [{split_of(image, buckets) for image in images} for images in of["train"]]
+    mixed = [{image.split(buckets) for image in images} for images in of["train"]]
     assert sum(len(splits) > 1 for splits in mixed) > 10
 
 
@@ -141,7 +137,7 @@ def test_a_structure_is_where_it_would_be_with_fixed_goals(tiny: Run) -> None:
     """So nothing that a policy learns from is in test of any dataset with the same buckets."""
     for split in SAMPLED_SPLITS:
         for each in shown(tiny.folder, split):
-            assert split_of(parse(each.text).structure, tiny.dataset.buckets) == split
+            assert parse(each.text).structure.split(tiny.dataset.buckets) == split
 
 
 def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) -> None:
@@ -181,31 +177,7 @@ def test_a_structure_that_no_split_may_have_is_found(folder: Path, navigation: R
         replace(its, structure=image)
         for its in found
         for image in its.structure.symmetries()
-        if bucket_of(navigation.dataset, image) is None
+        if navigation.dataset.bucket_of(image) is None
     )
     replace_first(folder, "train", lambda _: turned)
     assert f"{first_info_of('train')}the structure belongs to no split" in problems(folder)
-
-
-# What is said of it.
-
-
-def test_card_and_croissant_say_that_goals_vary(tiny: Run, tmp_path: Path, build: Build) -> None:
-    shutil.copytree(tiny.data_dir, tmp_path, dirs_exist_ok=True)
-    build(tmp_path, size="4", labyrinths=3, random_steps=5)
-    card.write_card(tmp_path)
-    readme, croissant = (
-        (tmp_path / name).read_text(encoding="utf-8") for name in ("README.md", "croissant.json")
-    )
-    command, other = (
-        line
-        for line in re.sub(r"\\\n +", "", readme).splitlines()
-        if line.startswith("labyrinth-datasets size")
-    )
-    assert "size=3x3 " in command
-    assert command.endswith(" goals=varied")
-    assert "goals" not in other
-    for text in (readme, croissant):
-        assert "With `goals=varied` (`3x3`) each labyrinth has its own start and goal" in text
-        assert "But for `3x3`, in `train`, `validation`, `test` and `random` the" in text
-    assert "With varied start and goal (`3x3`), any rotation" in readme

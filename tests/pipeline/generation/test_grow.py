@@ -14,7 +14,7 @@ from support.tampering import content_of, manifest_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from pipeline.config.dataset import SplitsConfig
+from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]
 

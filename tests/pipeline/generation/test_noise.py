@@ -16,10 +16,10 @@ from support.tampering import problems
 from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import TABLE
-from labyrinth_core.world.dynamics import State, initial, state_index, transition
-from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.solver import optimal_actions
-from pipeline.config.dataset import DemonstrationsConfig
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world.solver import Solver
+from pipeline.command.dataset import DemonstrationsConfig
 from pipeline.inspection.counts import routes_of
 
 pytestmark = pytest.mark.slow
@@ -38,10 +38,10 @@ def steps(run: Run, split: str = "train") -> list[tuple[Labyrinth, State, int]]:
     found = []
     for file in Dataset.at(run.folder).files(split):
         for route in routes_of(file):
-            state = initial(route.labyrinth)
+            state = route.labyrinth.initial
             for action in route.actions:
                 found.append((route.labyrinth, state, action))
-                state = transition(route.labyrinth, state, action)
+                state = route.labyrinth.transition(state, action)
     return found
 
 
@@ -54,7 +54,10 @@ def test_so_many_actions_are_optimal_as_the_noise_says(
     run = noisy(build, tmp_path, noise, task=task)
     assert problems(run.folder) == []
     of_steps = steps(run)
-    rows = [optimal_actions(labyrinth)[state_index(labyrinth, s)] for labyrinth, s, _ in of_steps]
+    rows = [
+        Solver(labyrinth).optimal_actions()[labyrinth.state_index(s)]
+        for labyrinth, s, _ in of_steps
+    ]
     expected = [1 - noise + noise * row.sum() / 4 for row in rows]
     found = sum(bool(row[action]) for row, (_, _, action) in zip(rows, of_steps, strict=True))
     deviation = sqrt(sum(share * (1 - share) for share in expected))

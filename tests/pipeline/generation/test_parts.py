@@ -12,7 +12,7 @@ from support.making import Run
 from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import temporary_beside
+from labyrinth_core.data.storage import LocalFile
 from pipeline.config.errors import ConfigError
 
 Build = Callable[..., Run]
@@ -64,7 +64,7 @@ def test_a_part_removes_what_its_killed_process_left_and_nothing_of_other_parts(
     build(tmp_path, **SHARDS, part="1/2")
     building = tmp_path / ".4x4.building"
     names = (f"train-0000{number}-of-00003.parquet" for number in (0, 1))
-    own, other = (temporary_beside(building / name) for name in names)
+    own, other = (LocalFile(building / name).temporary() for name in names)
     for path in (own, other):
         path.write_bytes(b"half of it")
     build(tmp_path, **SHARDS, part="2/2")

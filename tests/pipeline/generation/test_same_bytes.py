@@ -16,7 +16,7 @@ from support.making import Run
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from pipeline.config.dataset import DemonstrationsConfig
+from pipeline.command.dataset import DemonstrationsConfig
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parents[2] / "data" / "fingerprints.json").read_text(encoding="utf-8")

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from support.making import Run
 
 from labyrinth_core.data.format import NUMBERS
-from labyrinth_core.data.storage import write_bytes
+from labyrinth_core.data.storage import File
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation.shard import Fingerprint, Row, ShardJob, finished
@@ -61,9 +61,9 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
         assert finished(job) is None
     for path in (job.path, job.sidecar):
         whole = path.read_bytes()
-        write_bytes(path, whole[:-1] + bytes([whole[-1] ^ 1]))
+        File(path).write_bytes(whole[:-1] + bytes([whole[-1] ^ 1]))
         assert finished(job) is None
-        write_bytes(path, whole)
+        File(path).write_bytes(whole)
         assert finished(job) is not None
 
 

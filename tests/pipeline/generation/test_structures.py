@@ -19,14 +19,12 @@ from support.brute_force import (
 )
 from support.making import Run
 
-from labyrinth_core.data.buckets import bucket_of
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
-from labyrinth_core.world.buckets import BUCKETS, split_of
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from pipeline.config.dataset import SplitsConfig
+from labyrinth_core.world.structure import BUCKETS, Structure
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack
@@ -75,7 +73,7 @@ def test_structures_are_unique_and_connected_and_where_their_hash_says(
     assert len(set(everything)) == len(everything) == 3 * config.labyrinths
     assert all(is_connected(config.height, config.width, each) for each in everything)
     for split, structures in splits.items():
-        assert {split_of(structure, config.buckets) for structure in structures} == {split}
+        assert {structure.split(config.buckets) for structure in structures} == {split}
 
 
 SIDES = st.integers(2, 7)
@@ -88,7 +86,7 @@ def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
     rng = np.random.default_rng(seed)
     structure = next(sample_structures(height, width, rng, algorithm=algorithm))
     for buckets in (BUCKETS, (80, 10, 10), (1, 1, 98)):
-        assert split_of(structure.transposed(), buckets) == split_of(structure, buckets)
+        assert structure.transposed().split(buckets) == structure.split(buckets)
 
 
 def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_split(
@@ -97,7 +95,7 @@ def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_spli
     config = config_of(size="2x3", goals="varied", labyrinths=1)
     connected = [each for each in all_structures(2, 3) if each.is_connected]
     for structure in connected:
-        found = {bucket_of(config, image) for image in structure.symmetries()}
+        found = {config.bucket_of(image) for image in structure.symmetries()}
         assert len(found - {None}) == 1
 
 
@@ -106,11 +104,11 @@ def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure
     rng = np.random.default_rng(0)
     structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]
     for buckets in (BUCKETS, (80, 15, 5)):
-        counts = Counter(split_of(structure, buckets) for structure in structures)
+        counts = Counter(structure.split(buckets) for structure in structures)
         for split, percent in zip(SAMPLED_SPLITS, buckets, strict=True):
             assert abs(counts[split] / 40 - percent) < 3
     assert len(connected_3x3) == 431
-    assert set(Counter(split_of(s, BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
+    assert set(Counter(s.split(BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
 
 
 # How many there can be.
@@ -122,7 +120,7 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
     connected_3x3: list[Structure],
     buckets: tuple[int, int, int],
 ) -> None:
-    counts = Counter(split_of(structure, buckets) for structure in connected_3x3)
+    counts = Counter(structure.split(buckets) for structure in connected_3x3)
     most = min(counts.values())
     check_capacity(config_of(labyrinths=most, buckets=buckets))
     check_capacity(config_of(size="5", labyrinths=10**9))  # These are not counted.
@@ -137,11 +135,11 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
 def test_every_structure_of_3x3_can_come_up(
     config_of: Callable[..., DatasetConfig], connected_3x3: list[Structure]
 ) -> None:
-    counts = Counter(split_of(structure, BUCKETS) for structure in connected_3x3)
+    counts = Counter(structure.split(BUCKETS) for structure in connected_3x3)
     most = min(counts.values())
     full = next(split for split in SAMPLED_SPLITS if counts[split] == most)
     found = structures_of(config_of(labyrinths=most))
-    expected = {s for s in connected_3x3 if split_of(s, BUCKETS) == full}
+    expected = {s for s in connected_3x3 if s.split(BUCKETS) == full}
     assert set(found[full]) == expected
 
 
@@ -231,7 +229,7 @@ def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
     assert apart["train"] == plain["train"]
     for split, structures in apart.items():
         assert len(set(structures)) == config.labyrinths
-        assert {split_of(structure, config.buckets) for structure in structures} == {split}
+        assert {structure.split(config.buckets) for structure in structures} == {split}
 
 
 def test_no_two_structures_share_their_randomness(

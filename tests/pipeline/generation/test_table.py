@@ -30,8 +30,9 @@ from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
-from labyrinth_core.world.solver import moves_and_routes
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.generation import table
 
 pytestmark = pytest.mark.slow
@@ -115,7 +116,7 @@ def test_every_row_is_what_the_shards_say(datasets: Path, config: str) -> None:
 
 def test_routes_more_than_fit_are_as_many_as_fit(small_dataset: Run) -> None:
     labyrinth = Labyrinth(Structure.without_walls(40, 40), 0, 1599)
-    moves, routes = moves_and_routes(labyrinth)
+    moves, routes = Solver(labyrinth).moves_and_routes()
     assert (moves, routes) == (78, comb(78, 39))
     content = table.Content(small_dataset.dataset, "train")
     episode = replay(labyrinth, [0] * 39 + [1] * 39)

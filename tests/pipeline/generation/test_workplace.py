@@ -18,7 +18,7 @@ from support.tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import MANIFEST
-from labyrinth_core.data.storage import temporary_beside
+from labyrinth_core.data.storage import LocalFile
 
 Build = Callable[..., Run]
 
@@ -66,7 +66,7 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
     build(tmp_path)
     made = identities(tmp_path / "3x3")
     folder = tmp_path / "3x3"
-    replaced = temporary_beside(folder, ".replaced")
+    replaced = LocalFile(folder).temporary(".replaced")
     folder.rename(replaced)  # The crash came between the two renames.
     build(tmp_path)
     assert content_of(tmp_path) == content_of(small_dataset.data_dir)

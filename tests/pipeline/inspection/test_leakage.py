@@ -10,9 +10,10 @@ import pytest
 from support.brute_force import all_structures
 
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth, Structure
+from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
+from labyrinth_core.world.structure import Structure
 from pipeline.inspection import leakage
 from pipeline.inspection.leakage import find_leakage
 
@@ -87,7 +88,8 @@ def assert_as_brute_force(close, first, second):
     ids = {labyrinth_id(labyrinth): labyrinth for labyrinth in [*first, *second]}
     passages = {number: set(of.structure.passages()) for number, of in ids.items()}
     routes = {
-        number: {(of.start, *route) for route in shortest_routes(of)} for number, of in ids.items()
+        number: {(of.start, *route) for route in Solver(of).shortest_routes()}
+        for number, of in ids.items()
     }
     along = {number: images_of(of) for number, of in ids.items()}
     turned = {number: [image[:2] for image in images] for number, images in along.items()}
@@ -161,5 +163,5 @@ def test_labyrinths_that_are_repeated_or_strange_are_counted():
 def test_routes_that_are_too_many_to_compare_are_counted(monkeypatch):
     monkeypatch.setattr(leakage, "ROUTES", 5)
     few, whole = cornered([EXAMPLES["all of 3x3"][0], Structure.without_walls(3, 3)])
-    assert len(shortest_routes(whole)) == 6
+    assert len(Solver(whole).shortest_routes()) == 6
     assert leakage.find_leakage({"train": [few], "test": [whole]}).cut == 1

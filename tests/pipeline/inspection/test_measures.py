@@ -16,7 +16,7 @@ from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.inspection.analyse import read_contents
 from pipeline.inspection.counts import Content
 from pipeline.inspection.shift import MEASURES, compare
@@ -56,7 +56,7 @@ def test_what_a_split_holds_is_what_its_rows_say(dataset, contents):
             actions, cells = Counter(a for a, _ in own), Counter(c for _, c in own)
             assert content.actions[number].tolist() == [actions[action] for action in range(4)]
             assert content.visits[number].ravel().tolist() == [cells[cell] for cell in range(12)]
-            assert content.moves[number] == len(shortest_routes(labyrinth)[0])
+            assert content.moves[number] == len(Solver(labyrinth).shortest_routes()[0])
 
 
 def columns_of(rows):
@@ -88,7 +88,7 @@ def numbers_of(labyrinth: Labyrinth):
     ends = Counter(cell for pair in labyrinth.structure.passages() for cell in pair)
     passages = sum(ends.values()) // 2
     return (
-        len(shortest_routes(labyrinth)[0]),
+        len(Solver(labyrinth).shortest_routes()[0]),
         sum(count >= 3 for count in ends.values()),
         passages - labyrinth.structure.cells + 1,
     )
@@ -108,7 +108,7 @@ def test_lengths_branches_and_loops_are_those_of_the_labyrinths(contents):
 def content_of(structures):
     """Return a split with the first shortest route of each labyrinth."""
     labyrinths = [Labyrinth(s, 0, s.cells - 1) for s in structures]
-    routes = [shortest_routes(labyrinth)[0] for labyrinth in labyrinths]
+    routes = [Solver(labyrinth).shortest_routes()[0] for labyrinth in labyrinths]
     visits = np.zeros((len(labyrinths), 25), np.int64)
     for number, (labyrinth, route) in enumerate(zip(labyrinths, routes, strict=True)):
         for state in replay(labyrinth, route).states:

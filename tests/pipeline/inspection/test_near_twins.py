@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labyrinth_core.world.labyrinth import Structure
 from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world.structure import Structure
 from pipeline.inspection import near_twins
 from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 

@@ -18,7 +18,7 @@ from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import distances, shortest_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
@@ -43,8 +43,8 @@ def episodes(folder, split):
 
 @pytest.mark.parametrize("split", BASE_SPLITS)
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
-def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
-    folder = carded / name
+def test_every_number_is_what_replaying_the_rows_gives(both, name, split):
+    folder = both / name
     counted = measured(folder).splits[split]
     replayed = episodes(folder, split)
     visits = np.zeros(counted.visits.shape, int)
@@ -66,7 +66,7 @@ def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
     assert counted.action_shares.sum() == pytest.approx(1)
     if name == DEFAULT:
         for labyrinth, episode, _ in replayed:
-            moves, far = labyrinth.structure.moves, distances(labyrinth)
+            moves, far = labyrinth.structure.moves, Solver(labyrinth).distances
             for state, action in zip(episode.states, episode.actions.tolist(), strict=False):
                 nearer = [far[after] < far[state.agent] for after in moves[state.agent]]
                 choices.append(sum(nearer))
@@ -79,22 +79,22 @@ def test_every_number_is_what_replaying_the_rows_gives(carded, name, split):
     assert counted.mean_loops == pytest.approx(np.mean(loops))
     ways = [Counter(cell for pair in of.structure.passages() for cell in pair) for of in held]
     assert counted.junctions == Counter(sum(n > 2 for n in of.values()) for of in ways)
-    assert counted.moves == Counter(len(shortest_routes(of)[0]) for of in held)
+    assert counted.moves == Counter(len(Solver(of).shortest_routes()[0]) for of in held)
 
 
-def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(carded):
+def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(both):
     for split in BASE_SPLITS:
-        first = dict.fromkeys(labyrinths(carded / OTHER, split))
-        for labyrinth, episode, of in reversed(episodes(carded / OTHER, split)):
+        first = dict.fromkeys(labyrinths(both / OTHER, split))
+        for labyrinth, episode, of in reversed(episodes(both / OTHER, split)):
             first[of[0]["info"]] = (labyrinth, tuple(episode.actions.tolist()))
-        assert list(measured(carded / OTHER).splits[split].examples) == list(first.values())[:5]
+        assert list(measured(both / OTHER).splits[split].examples) == list(first.values())[:5]
 
 
-def test_shards_and_workers_change_nothing(carded, tmp_path):
+def test_shards_and_workers_change_nothing(both, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
-    cut, whole = count_dataset(Dataset.at(folder, manifest), 2), measured(carded / DEFAULT)
+    cut, whole = count_dataset(Dataset.at(folder, manifest), 2), measured(both / DEFAULT)
     assert cut.certificate == whole.certificate
     for split, counts in cut.splits.items():
         one, other = vars(counts), vars(whole.splits[split])

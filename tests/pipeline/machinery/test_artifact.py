@@ -23,10 +23,10 @@ from support.tampering import content_of
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import (
     AnyPath,
+    File,
+    LocalFile,
     RemotePath,
-    file_sha256,
     folder_at,
-    temporary_beside,
 )
 from labyrinth_core.language.collection import is_litter
 from pipeline.machinery import artifact
@@ -198,7 +198,7 @@ def test_a_file_of_a_person_stops_what_would_replace_it_and_nothing_else(
 def test_a_person_s_files_under_other_names_stay(tmp_path: Path) -> None:
     folder = tmp_path / "it"
     make(folder)
-    for name in ("notes", "mine/notes", ".DS_Store", temporary_beside(folder / "a").name):
+    for name in ("notes", "mine/notes", ".DS_Store", LocalFile(folder / "a").temporary().name):
         (folder / name).parent.mkdir(exist_ok=True)
         (folder / name).write_bytes(b"mine")
     (folder / "link").symlink_to("nowhere")
@@ -264,7 +264,7 @@ class StoreCrash:
 def make_in_store(folder: AnyPath, key: int, files: dict[str, bytes], **rules: bool) -> bool:
     with produced(folder, {"key": key}, mark="mark", names=[*files], **rules) as new:
         for name, content in files.items() if new else ():
-            artifact.write_bytes(new / name, content)
+            artifact.File(new / name).write_bytes(content)
     return new is not None
 
 
@@ -359,7 +359,7 @@ def test_a_killed_writer_s_successor_lists_each_file_once_with_its_hash(tmp_path
                 (folder / "third").unlink()
             act()
             listed = Sums.read(folder)
-            files = {name: file_sha256(folder / name) for name in made(folder)}
+            files = {name: File(folder / name).sha256() for name in made(folder)}
             assert made(folder) == (old if there else {}) | new
             assert sorted(listed.hashes) == sorted(files.items())
             assert listed.key == {"a": 1}

@@ -2,55 +2,27 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-from collections.abc import Callable
 from dataclasses import replace
-from pathlib import Path
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-import yaml
-from support.making import Run
+from support.asking import NAME, SPLITS, TEST, asked, copied
 from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.solver import moves_and_routes
+from labyrinth_core.world.solver import Solver
 from pipeline.generation import check
 from pipeline.questions import stage as questions
-from pipeline.release import card
-from pipeline.release.verify import verify
+
+__all__ = ["asked", "copied"]
 
 pytestmark = pytest.mark.slow
-
-NAME = "3x4-key_and_door"
-TEST = "test-00000-of-00001.parquet"
-SHIFTS = ("recoloured",)
-OPTIONS = {"size": "3x4", "task": "key_and_door", "shifts": SHIFTS, "open_walls": 0.5}
-SPLITS = ["test", "s0", "s0_and_g", *SHIFTS]
-
-
-@pytest.fixture(scope="module")
-def asked(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -> Run:
-    """The run of a dataset whose questions are there; copy its folder before you change it."""
-    run = build(tmp_path_factory.mktemp("asked") / "data", labyrinths=4, **OPTIONS)
-    before = content_of(run.folder)
-    questions.run(run)
-    assert content_of(run.folder) == before
-    return run
-
-
-@pytest.fixture
-def copied(asked: Run, tmp_path: Path, make_run: Callable[..., Run]) -> Run:
-    """The same run in a folder of its own."""
-    shutil.copytree(asked.data_dir, tmp_path / "data")
-    return make_run(tmp_path / "data", labyrinths=4, **OPTIONS)
 
 
 def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(asked):
@@ -65,8 +37,9 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
         assert rows[0]["image"].size == (600, 600)
         assert rows[0]["image_300"].size == (300, 300)
         for row in rows.remove_columns(["image", "image_300"]):
-            assert (row["moves"], len(row["routes"])) == moves_and_routes(parse(row["info"]))
-    assert verify(str(asked.data_dir), None, asked.data_dir) == "every config loads"
+            assert (row["moves"], len(row["routes"])) == Solver(
+                parse(row["info"])
+            ).moves_and_routes()
     with pytest.raises(DatasetError, match=f"holds {NAME}$"):  # They have no episodes.
         load_transitions(asked.data_dir, f"{NAME}-questions", split="test")
 
@@ -94,7 +67,7 @@ def test_the_questions_are_validated(copied, capsys):
     with pytest.raises(DatasetError, match=f"{TEST} is damaged"):
         check.run(copied)
     manifest = Manifest.read(folder, companion="questions")
-    now = {"sha256": file_sha256(folder / TEST), "bytes": (folder / TEST).stat().st_size}
+    now = {"sha256": File(folder / TEST).sha256(), "bytes": (folder / TEST).stat().st_size}
     shards = [replace(shard, **now) if shard.path == TEST else shard for shard in manifest.shards]
     replace(manifest, shards=tuple(shards)).write(folder)
     with pytest.raises(DatasetError) as error:
@@ -104,39 +77,6 @@ def test_the_questions_are_validated(copied, capsys):
         " row 2 answer: not what the labyrinth gives",
         " row 3 moves: not what the labyrinth gives",
     ]
-
-
-def listed_splits(readme: Path) -> list[str] | None:
-    """Return the splits of the questions in a front matter, None if it does not list them."""
-    configs = yaml.safe_load(readme.read_text().split("---\n")[1])["configs"]
-    found = {each["config_name"]: [f["split"] for f in each["data_files"]] for each in configs}
-    return found.get(f"{NAME}-questions")
-
-
-def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, build, capsys):
-    card.run(copied)
-    readme = copied.data_dir / "README.md"
-    assert all(f"| `{column.name}` |" in readme.read_text() for column in QUESTION_COLUMNS)
-    assert f"{NAME}-questions/{TEST}" in (copied.data_dir / "SHA256SUMS").read_text()
-    described = json.loads((copied.data_dir / "croissant.json").read_text())
-    *_, records = described["recordSet"]
-    assert [field["name"] for field in records["field"]][1:] == [c.name for c in QUESTION_COLUMNS]
-    assert {part["@id"] for part in described["distribution"]} >= {f"{NAME}-questions/{TEST}"}
-    benchmark = yaml.safe_load((copied.data_dir / "eval.yaml").read_text())
-    assert benchmark["evaluation_framework"] == "inspect-ai"
-    assert {task["id"] for task in benchmark["tasks"]} == {
-        f"{NAME}-questions{form}-{split}" for form in ("", "-pictures") for split in SPLITS
-    }
-    more = OPTIONS | {"shifts": (*SHIFTS, "thin_walls")}
-    build(copied.data_dir, labyrinths=4, grow=True, **more)
-    assert listed_splits(readme) == SPLITS
-    assert "no longer lists" not in capsys.readouterr().out
-    build(copied.data_dir, labyrinths=5, grow=True, **more)
-    assert listed_splits(readme) is None
-    assert f"no longer lists {NAME}-questions: " in capsys.readouterr().out
-    grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
-    questions.run(grown)
-    assert f"{NAME}-questions" in readme.read_text().split("---\n")[1]
 
 
 def test_nothing_of_a_user_is_lost_and_a_hidden_labyrinth_is_not_asked_about(

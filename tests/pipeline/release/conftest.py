@@ -11,7 +11,23 @@ from hub.local_hub import LocalHub
 from support.making import Run, RunConfig, make, resolve
 from support.publishing import local_hub, published
 
+from pipeline.release.card import write_card
+
 __all__ = ["local_hub"]
+
+
+@pytest.fixture(scope="session")
+def carded(both: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of two datasets with their card; not to be changed."""
+    folder = Path(shutil.copytree(both, tmp_path_factory.mktemp("carded") / "labyrinth"))
+    write_card(folder)
+    return folder
+
+
+@pytest.fixture
+def folder(carded: Path, tmp_path: Path) -> Path:
+    """A copy of it, to be changed."""
+    return Path(shutil.copytree(carded, tmp_path / "copy"))
 
 
 @pytest.fixture(scope="session")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import logging
+import re
 
 import numpy as np
 import pyarrow.parquet as pq
@@ -14,7 +15,7 @@ from support.planting import DEFAULT, OTHER
 
 from labyrinth_core.data.manifest import TABLE, Manifest
 from labyrinth_core.data.splits import BASE_SPLITS
-from labyrinth_core.data.storage import file_sha256
+from labyrinth_core.data.storage import File
 from pipeline.release import card
 from pipeline.release.texts import Release
 
@@ -85,7 +86,7 @@ def test_every_parquet_file_is_there_with_its_hash_and_size(carded):
     assert set(files) == there
     assert len(there) == 2 * len(BASE_SPLITS) + 2
     for path, part in files.items():
-        assert part["sha256"] == file_sha256(carded / path)
+        assert part["sha256"] == File(carded / path).sha256()
         assert part["contentSize"] == f"{(carded / path).stat().st_size} B"
 
 
@@ -120,3 +121,24 @@ def test_a_file_of_no_split_is_not_read(folder):
     manifest = Manifest.read(folder / DEFAULT)
     (folder / DEFAULT / "other-00000-of-00001.parquet").write_bytes(b"not a Parquet file")
     assert len(list(read(folder).records(DEFAULT))) == sum(s.rows for s in manifest.shards)
+
+
+def test_card_and_croissant_say_that_goals_vary(tmp_path, build):
+    build(tmp_path, random_steps=5, goals="varied")
+    build(tmp_path, size="4", labyrinths=3, random_steps=5)
+    card.write_card(tmp_path)
+    readme, croissant = (
+        (tmp_path / name).read_text(encoding="utf-8") for name in ("README.md", "croissant.json")
+    )
+    command, other = (
+        line
+        for line in re.sub(r"\\\n +", "", readme).splitlines()
+        if line.startswith("labyrinth-datasets size")
+    )
+    assert "size=3x3 " in command
+    assert command.endswith(" goals=varied")
+    assert "goals" not in other
+    for text in (readme, croissant):
+        assert "With `goals=varied` (`3x3`) each labyrinth has its own start and goal" in text
+        assert "But for `3x3`, in `train`, `validation`, `test` and `random` the" in text
+    assert "With varied start and goal (`3x3`), any rotation" in readme

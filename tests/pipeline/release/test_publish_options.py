@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import pytest
 from support.making import RunConfig, resolve
 from support.publishing import REPO
 
+from pipeline.command.composed import unused
+from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
 from pipeline.release.options import PublishOptions
@@ -67,3 +70,51 @@ def test_options_that_cannot_be_published_are_refused_in_one_line(
     with pytest.raises(ConfigError) as caught:
         resolve(options)
     assert str(caught.value).startswith(message)
+
+
+def test_a_publication_says_what_loads_it_and_a_rehearsal_nothing() -> None:
+    options = RunConfig(stages=("publish",), publish=PublishOptions(**WHERE))
+    rehearsed = replace(options, publish=replace(options.publish, dry_run=True))
+    told = [
+        STAGES["publish"].next_step(resolve(each), ["publish"]) for each in (options, rehearsed)
+    ]
+    line = "Next: load_transitions takes the id of the dataset, from any machine."
+    assert [*map(tuple, told)] == [(line,), ()]
+
+
+def test_a_dataset_in_an_object_store_cannot_be_published() -> None:
+    options = {"data_dir": "memory://a", "publish": PublishOptions(**WHERE)}
+    with pytest.raises(ConfigError, match=r"memory://a.*publish need a local folder") as caught:
+        resolve(RunConfig(stages=["publish"], **options))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "stages", "others", "users"),
+    [
+        ("method", ["build"], {}, ("publish", "train", "evaluate")),
+        ("method.epochs", ["report"], {}, ("publish", "train", "evaluate")),
+        ("publish.version", ["build", "card"], {}, ("publish",)),
+        ("method", ["publish"], {}, ("publish with publish.model", "train", "evaluate")),
+        ("method", ["publish"], {"publish": PublishOptions(model="a/b")}, None),
+        ("method", ["publish", "train"], {}, None),
+        ("export.format", ["publish"], {}, ("publish with publish.export", "export")),
+        ("export.format", ["publish"], {"publish": PublishOptions(export="a/b")}, None),
+        ("revision", ["publish"], {"publish": PublishOptions(env="a/b")}, None),
+        (
+            "encoder",
+            ["evaluate"],
+            {"policy": "a:b"},
+            ("publish", "train", "evaluate without policy"),
+        ),
+        ("device", ["evaluate"], {"policy": "a:b"}, None),
+        ("policy", ["evaluate"], {}, None),
+        ("policy", ["results"], {}, ("evaluate",)),
+        ("size", ["results"], {}, None),
+    ],
+)
+def test_an_option_that_no_requested_stage_uses_is_told(
+    name: str, stages: list[str], others: dict[str, Any], users: tuple[str, ...] | None
+) -> None:
+    options = RunConfig(stages=stages, **others)
+    assert unused([name], options) == ({name: users} if users else {})

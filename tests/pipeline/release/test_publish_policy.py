@@ -32,8 +32,6 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import WHY_SPL
-from pipeline.config.options import source_of
-from pipeline.config.training import training_folder
 from pipeline.evaluation import evaluate as evaluate_stage
 from pipeline.machinery.artifact import HASHES
 from pipeline.release.model import stage_policy
@@ -86,13 +84,13 @@ def of_run(run: Run) -> tuple[str, ...]:
 def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refers_to_it(
     local_hub: LocalHub, trained: Run, tmp_path: Path
 ) -> None:
-    data_dir = Path(shutil.copytree(source_of(trained), tmp_path / "labyrinth"))
+    data_dir = Path(shutil.copytree(trained.source, tmp_path / "labyrinth"))
     options = (*of_run(trained), f"publish.model={MODEL}")
     printed = published(local_hub, data_dir, "1.0.0", *options, verify=True)
     assert f'load_policy("{MODEL}", revision="1.0.0")' in printed
-    assert "4 files are those published, and the policy loads." in printed
+    assert "5 files are those published, and the policy loads." in printed
     assert held(local_hub, "1.0.0", MODEL, "model").keys() == {
-        *("README.md", "SHA256SUMS", "config.json", "model.safetensors")
+        *("README.md", "SHA256SUMS", "config.json", "model.safetensors", "run.json")
     }
     for repo, kind in ((REPO, "dataset"), (MODEL, "model")):
         refs = local_hub.refs(repo, kind)
@@ -146,7 +144,7 @@ def test_a_dataset_and_a_policy_are_released_by_one_command_and_the_policy_refer
 
 def test_a_version_of_a_policy_is_published_once(local_hub: LocalHub, trained: Run) -> None:
     local_hub.create_repo(REPO)
-    manifest = (Path(source_of(trained)) / "3x3" / "manifest.json").read_bytes()
+    manifest = (Path(trained.source) / "3x3" / "manifest.json").read_bytes()
     local_hub.commit(REPO, "3x3/manifest.json", manifest)  # Of the dataset, all that is read.
     local_hub.create_repo(MODEL, kind="model")
     local_hub.commit(MODEL, "config.json", b"{}", kind="model")
@@ -219,7 +217,7 @@ def test_a_card_says_whether_the_policy_follows_its_own_train(
     trained: Run, copied: Run, manifest: Manifest, staged: Path
 ) -> None:
     path = copied.training_folder / "results.json"
-    receipt = memorised(load_policy(copied.training_folder), source_of(trained), "3x3", controls=10)
+    receipt = memorised(load_policy(copied.training_folder), trained.source, "3x3", controls=10)
     results = replace(Results.load(path), memorised=receipt)
     results.save(path, name=copied.run_name.name)
     stage_policy(copied, staged, COMMIT, manifest)
@@ -246,7 +244,11 @@ def test_a_split_that_was_evaluated_in_part_is_in_the_table_of_the_card_alone(
 @pytest.mark.parametrize(
     ("place", "value", "why"),
     [
-        (("splits", "test", "known_route"), "010101", "is refused: test: known_route does not ma"),
+        (
+            ("splits", "test", "known_route"),
+            "010101",
+            "is refused: test: known_route[2] is 0, ",
+        ),
         (("baselines", "random", "test", "sr"), 0.5, "is refused: test: sr of random is 0.5, but "),
         (("baselines", "oracle"), None, "is refused: train: the figures of the baseline oracle "),
         (("run", "training", "epochs"), 99, "describes another training than run.json"),
@@ -283,10 +285,10 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
     train.run(run)
     evaluate_stage.run(run)
-    content = json.loads((training_folder(run) / "results.json").read_bytes())
+    content = json.loads((run.options.run_folder(run.dataset) / "results.json").read_bytes())
     stage_policy(of_hub(run), staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
-    results = evaluate(load_policy(staged), source_of(run), "3x3")
+    results = evaluate(load_policy(staged), run.source, "3x3")
     for split, scores in content["splits"].items():
         assert results.splits[split].episodes.moves.tolist() == scores["moves"]
         assert results.splits[split].episodes.solved.mean() == scores["sr"]
@@ -303,11 +305,11 @@ def test_a_policy_of_another_protocol_is_published_with_what_it_has_to_be_shown(
     run = replace(trained, options=changed)
     train.run(run)
     evaluate_stage.run(run)
-    content = json.loads((training_folder(run) / "results.json").read_bytes())
+    content = json.loads((run.options.run_folder(run.dataset) / "results.json").read_bytes())
     stage_policy(of_hub(run), staged, COMMIT, manifest)
     assert json.loads((staged / "config.json").read_bytes())["resize"] == "original"
-    for source in (staged, training_folder(run)):
-        results = evaluate(load_policy(source), source_of(run), "3x3")
+    for source in (staged, run.options.run_folder(run.dataset)):
+        results = evaluate(load_policy(source), run.source, "3x3")
         for split, scores in content["splits"].items():
             figures = results.splits[split].figures()
             assert figures == {name: scores[name] for name in figures}
@@ -318,12 +320,14 @@ def test_a_policy_that_is_not_there_or_of_other_weights_is_not_published(
     copied: Run, manifest: Manifest, staged: Path
 ) -> None:
     folder = copied.training_folder
-    results, weights = folder / "results.json", folder / "policy.safetensors"
+    results, weights = folder / "results.json", folder / "model.safetensors"
+    right = weights.read_bytes()
     weights.write_bytes(b"others")
-    told = f"{results} is for other weights than policy.safetensors: stages=evaluate"
-    assert refused(copied, manifest, staged).startswith(told)
-    change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
     assert refused(copied, manifest, staged).startswith(f"{weights} is damaged: ")
+    weights.write_bytes(right)
+    change(results, "run", "evaluated", "weights", value=hashlib.sha256(b"others").hexdigest())
+    told = f"{results} is for other weights than model.safetensors: stages=evaluate"
+    assert refused(copied, manifest, staged).startswith(told)
     change(results, "run")
     told = f"{results} belongs to another run: stages=evaluate makes it again"
     assert refused(copied, manifest, staged) == told

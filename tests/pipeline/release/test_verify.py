@@ -10,7 +10,7 @@ from support.making import make
 from support.planting import DEFAULT
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import locked
+from labyrinth_core.data.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.release import verify
 
@@ -44,7 +44,7 @@ def test_what_a_killed_verification_left_is_removed_by_the_next(
         folder.mkdir()
         (folder / "download").write_bytes(b"half")
     left.with_name(f"{left.name}.lock").touch()
-    with locked(running.with_name(f"{running.name}.lock")):
+    with LocalFile(running.with_name(f"{running.name}.lock")).locked():
         with verify._scratch() as place:
             assert {*tmp_path.iterdir()} == {
                 *(each for folder in (running, place) for each in (folder, _lock_of(folder)))

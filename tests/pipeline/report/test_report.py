@@ -11,7 +11,7 @@ from operator import getitem
 
 import pytest
 from support.reporting import METHOD, analyse, evaluate, evaluate_own
-from support.tampering import content_of
+from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.datasets import Dataset
@@ -21,8 +21,6 @@ from labyrinth_core.data.manifest import ANALYSIS, Manifest
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES
-from pipeline.release.card import write_card
-from pipeline.release.repository import listed
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
@@ -80,18 +78,6 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
     assert set(before) == {PAGE, HASHES}
-
-
-def test_neither_dataset_nor_card_nor_release_is_touched(data_dir, tmp_path):
-    write_card(data_dir)
-    before = content_of(data_dir)
-    published = {*listed(data_dir)}
-    path = write_report(data_dir, tmp_path / "runs")
-    after = content_of(data_dir)
-    assert {name: after[name] for name in before} == before
-    written = {path, path.with_name(HASHES)}
-    assert set(after) - set(before) == {str(each.relative_to(data_dir)) for each in written}
-    assert {*listed(data_dir)} == published
 
 
 def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
@@ -290,3 +276,10 @@ def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     assert (folder / PAGE).read_bytes() != before
     assert (tmp_path / "thesis.txt").read_bytes() == b"mine"
     assert (folder / "photo.png").read_bytes() == b"mine"
+
+
+def test_no_report_is_written_through_a_link(data_dir, tmp_path):
+    elsewhere = folder_behind_link(data_dir / "report", tmp_path)
+    with pytest.raises(DatasetError, match="report is a link, and nothing is written through it"):
+        write_report(data_dir, tmp_path)
+    assert list(elsewhere.iterdir()) == []

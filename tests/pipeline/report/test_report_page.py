@@ -22,9 +22,9 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import BASE_SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import TILES, Labyrinth, LabyrinthError, Task
-from labyrinth_core.world.solver import distances, optimal_actions
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import TILES, LabyrinthError, State, Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
@@ -106,9 +106,9 @@ DARK = """([labyrinth, state, size]) => {
   paint(canvas, labyrinth, size, { state, seen: visibleFrom(labyrinth, state) });
   const { data } = canvas.getContext("2d").getImageData(0, 0, size, size);
   return Array.from({ length: size * size }, (_, pixel) =>
-    +(Math.max(...data.slice(4 * pixel, 4 * pixel + 3)) < 50));
+    +(Math.max(data[4 * pixel], data[4 * pixel + 1], data[4 * pixel + 2]) < 50)).join("");
 }"""
-"""Which pixels the page makes dark: walls, and what the agent does not see."""
+"""A digit for each pixel: 1 if the page makes it dark, as walls and what the agent does not see."""
 
 
 def of_the_page(labyrinth: Labyrinth) -> dict[str, Any]:
@@ -150,8 +150,10 @@ def test_the_page_writes_and_solves_a_labyrinth_as_python_does(open_report):
     for labyrinth, answer in zip(labyrinths, answers, strict=True):
         assert answer == {
             "text": dump(labyrinth),
-            "distances": distances(labyrinth),
-            "optimal": [np.flatnonzero(row).tolist() for row in optimal_actions(labyrinth)],
+            "distances": Solver(labyrinth).distances,
+            "optimal": [
+                np.flatnonzero(row).tolist() for row in Solver(labyrinth).optimal_actions()
+            ],
         }
 
 
@@ -161,9 +163,9 @@ def test_the_page_hides_from_the_agent_what_its_pictures_hide(open_report):
         labyrinth = sample_labyrinth(size, size, Task.PARTIAL_OBSERVABILITY, rng)
         for agent in rng.choice(size * size, 3, replace=False).tolist():
             given = [of_the_page(labyrinth), agent, PICTURE_SIZE]
-            dark = np.reshape(page.evaluate(DARK, given), (PICTURE_SIZE, PICTURE_SIZE))
+            dark = np.frombuffer(page.evaluate(DARK, given).encode(), np.uint8) == ord("1")
             picture = render(labyrinth, State(agent))
-            assert np.array_equal(dark, (picture == 0).all(axis=2))
+            assert np.array_equal(dark, (picture == 0).all(axis=2).ravel())
 
 
 def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report, reported):

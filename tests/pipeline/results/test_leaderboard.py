@@ -13,7 +13,7 @@ import pytest
 from support.commands import RUN, ended
 from support.policies import Rounds
 from support.quick_python import python
-from support.submitted import content_of, forgetful, of_run, results_of
+from support.submitted import content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description
@@ -85,6 +85,17 @@ def test_receipts_have_a_column_where_a_policy_has_one(results, small_dataset):
     assert [row.split("|")[1].strip() for row in rows] == ["asked †"]
     assert "follows its own train" in board(plain, asked)
     assert "follows its own train" not in board(plain)
+
+
+def test_a_strangers_method_stands_there_under_its_own_name_without_an_author(
+    results, run_of, tmp_path
+):
+    for method, encoder in (("mine", "cnn"), ("Linear", "Linear")):
+        keep(of_run(results["planner"], method, encoder=encoder), tmp_path / "runs")
+    stage.run(run_of())
+    named = {(row["method"], row["author"]) for row in rows(tmp_path / "results")}
+    assert named == {("mine, cnn", ""), ("Linear", "")}  # Nobody says who made them.
+    assert "Labyrinth datasets" not in text(tmp_path / "results")
 
 
 def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(

@@ -14,7 +14,7 @@ from rich.console import Console
 from support.submitted import forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import read_json
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
@@ -290,7 +290,7 @@ def test_the_results_that_are_published_add_up():
     folders = {path.parent for path in ours.glob("*/**/runs/*/*.json")}
     assert len(folders) > 10
     for path in (min(folder.glob("*.json")) for folder in folders):
-        content = read_json(path)
+        content = File(path).read_json()
         if content["run"].get("memory"):  # Of runs that only an earlier commit knows.
             del content["run"]
         results = Results.from_json(content)

@@ -25,10 +25,18 @@ class Performer:
         self.folder, self._make_run, self.printed = folder, make_run, ""
 
     def __call__(
-        self, stage, folder="seasons", submission=str(RELEASED), date="2026-11-30", **options
+        self,
+        stage,
+        folder="seasons",
+        submission=str(RELEASED),
+        date="2026-11-30",
+        learnt_from="",
+        **options,
     ):
         """Perform a stage; return what it prints, or the error that it raises."""
-        of_season = SeasonOptions("2026-a", str(self.folder / folder), date, submission)
+        of_season = SeasonOptions(
+            "2026-a", str(self.folder / folder), date, submission, learnt_from
+        )
         options = {"size": "3", "labyrinths": 16, "random_steps": 5} | options
         run = self._make_run(self.folder / "data", stages=[stage], season=of_season, **options)
         (self.folder / "temporary").mkdir(exist_ok=True)

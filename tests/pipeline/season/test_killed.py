@@ -88,7 +88,7 @@ def test_a_judge_goes_on_after_a_kill_before_any_change(tmp_path, make_run):
     def right(perform, said):
         assert re.search(r"is judged( again, with the same bytes)?: SPL", said), said
         place = perform.place
-        names = [f"2026-a.private/{n}" for n in ("1.json", "1/policy.safetensors", "1/run.json")]
+        names = [f"2026-a.private/{n}" for n in ("1.json", "1/config.json", "1/model.safetensors")]
         names += [f"2026-a.private/{HASHES}", "2026-a.secret"]
         names += [f"2026-a/{name}" for name in (HASHES, "judged.json", "season.json")]
         assert files_in(perform.folder / "seasons") == sorted(names)
@@ -104,7 +104,7 @@ def test_a_reveal_goes_on_after_a_kill_before_any_change(hidden, tmp_path, make_
     def right(perform, said):
         assert "is revealed: publish it" in said, said
         names = [HASHES, "judged.json", "results/1.json", "season.json", "secret.txt"]
-        names += ["submissions/1/policy.safetensors", "submissions/1/run.json"]
+        names += ["submissions/1/config.json", "submissions/1/model.safetensors"]
         assert files_in(perform.place.public) == sorted(names)
         checked(perform.place.public)
 

@@ -17,7 +17,9 @@ from support.publishing import local_hub, run_script
 
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
+from pipeline.generation import build
 from pipeline.machinery.artifact import HASHES
+from pipeline.season import judge
 from pipeline.season.commitment import Season, seed_of, without_seed
 
 __all__ = ["local_hub"]
@@ -85,7 +87,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         (
             "judge",
             {"submission": f"{RELEASED}@{'0' * 64}"},
-            "policy.safetensors differs from the named revision: it is ",
+            "model.safetensors differs from the named revision: it is ",
         ),
         ("judge", {"folder": "broken"}, "2026-a.secret holds no secret"),
         ("judge", {"folder": "others"}, "2026-a.secret holds another secret than the season com"),
@@ -105,7 +107,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
         assert place.private.stat().st_mode & 0o777 == 0o700
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
-    names = ["1.json", "judged.json", "policy.safetensors", "run.json", "season.json"]
+    names = ["1.json", "config.json", "judged.json", "model.safetensors", "season.json"]
     assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
@@ -127,7 +129,7 @@ def test_the_files_of_a_judgement_that_was_interrupted_are_not_published(
     (kept / "model.onnx").write_bytes(b"of another person, whose judgement was killed")
     perform("reveal")
     names = [path.name for path in (perform.place.public / "submissions" / "1").iterdir()]
-    assert sorted(names) == ["policy.safetensors", "run.json"]
+    assert sorted(names) == ["config.json", "model.safetensors"]
 
 
 @pytest.mark.slow
@@ -163,7 +165,7 @@ def test_what_is_published_can_be_verified_and_a_change_of_it_is_found(revealed)
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     assert "no: its entry has no version of labyrinth-datasets, numpy, torch" in revealed.printed
 
-    weights = public / "submissions" / "1" / "policy.safetensors"
+    weights = public / "submissions" / "1" / "model.safetensors"
     weights.write_bytes(weights.read_bytes()[:-1] + b"!")
     assert "2 of its claims cannot be confirmed" in revealed("verify")
     season_file = public / "season.json"
@@ -230,3 +232,32 @@ def test_a_submission_on_the_hub_is_pinned_by_its_commit(local_hub, tmp_path):
     told = "| no: user/planner@main: model.safetensors differs from the named revision: it is"
     assert (said[2].count("| yes |"), said[2].count(told)) == (1, 1)
     assert said[2].endswith("1 of its claims cannot be confirmed")
+
+
+@pytest.mark.slow  # 3 s: a season, judged and verified.
+def test_a_judge_says_whether_a_submission_remembers_the_train_that_it_has_learnt_from(
+    tmp_path, make_run, monkeypatch
+):
+    monkeypatch.setattr(judge, "CONTROLS", 10)
+    perform = Performer(tmp_path, make_run)
+    perform("season")
+    for name, options in {"own": {}, "other": {"size": "4"}, "many": {"labyrinths": 100}}.items():
+        given = {"size": "3", "labyrinths": 16, "random_steps": 1} | options
+        build.run(make_run(tmp_path / name, stages=["build"], **given))
+
+    def judged_after(place, **options):
+        return perform("judge", learnt_from=str(tmp_path / place), **options)
+
+    assert "season.learnt_from: 4x4 is not 3x3" in judged_after("other/4x4")
+    assert "give at most 50%" in judged_after("many/3x3")
+    assert not perform.place.judged.exists()
+    said = judged_after("own/3x3")
+    assert "Does the policy follow its own train? test, 10 controls" in said
+    assert "e.g. in" not in said, "it would name a labyrinth of the test"
+    assert "is judged again, with the same bytes" in judged_after("own/3x3")
+    assert "with other results or another season.learnt_from" in perform("judge")
+    perform("reveal")
+    path = perform.place.public / "results" / "1.json"
+    receipt = Results.load(path).memorised
+    assert (receipt.train["seed"], receipt.train["labyrinths"], receipt.drawn) == (0, 16, 10)
+    assert "| yes |" in perform("verify")

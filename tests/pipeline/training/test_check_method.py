@@ -10,7 +10,7 @@ import torch
 
 from labyrinth_core.learning import Learner
 from labyrinth_core.testing import check_method
-from pipeline.config.method import METHODS
+from pipeline.config.training import METHODS
 from pipeline.training.methods.method import find
 
 pytestmark = pytest.mark.slow  # Each method is trained for two epochs, twice.

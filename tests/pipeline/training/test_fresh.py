@@ -15,22 +15,20 @@ from support.learning import equal_weights
 from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.buckets import split_of
-from labyrinth_core.world.labyrinth import Structure
-from pipeline.config.dataset import SplitsConfig
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.world.structure import Structure
+from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
 from pipeline.evaluation import evaluate as stage
-from pipeline.report.findings import read_results
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods.method import find
 
 VECTORS = ObservationSpec("vector", 64)
@@ -51,7 +49,7 @@ def test_none_of_ten_thousand_is_in_validation_or_test_nor_is_its_mirror_image(
         for labyrinth in fresh.labyrinths(epoch):
             structure = labyrinth.structure
             for each in (structure, structure.transposed()):
-                assert split_of(each, small_dataset.dataset.buckets) == "train"
+                assert each.split(small_dataset.dataset.buckets) == "train"
             seen.add(structure)
     assert len(seen) > 9_900
 
@@ -181,11 +179,11 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
     train.run(run)
     stage.run(run)
     assert run.training_folder.name == "bc-cnn-seed0-fresh"
+    results = Results.load(run.training_folder / "results.json")
+    assert results.run.of_all_seeds == "bc-cnn-fresh"
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == "fresh"
     assert {content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS} == {8}
-    (shown,) = read_results(tmp_path / "runs", [Dataset.at(small_dataset.folder)])
-    assert shown["name"] == "bc-cnn-fresh"
 
 
 @pytest.mark.parametrize(

@@ -15,8 +15,7 @@ from support.learning import settings_of
 
 from labyrinth_core.learning.learner import Problem
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import PROTOCOLS
-from pipeline.training.loop import fit
+from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.methods import bc
 from pipeline.training.record import CHECKPOINT
 

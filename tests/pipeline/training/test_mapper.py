@@ -16,20 +16,20 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
 from labyrinth_core.evaluation.playing import attempts, step_through
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.policies.spec import POLICY, RECORD, MapperSpec, NetworkSpec
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Task
-from labyrinth_core.world.solver import shortest_route
+from labyrinth_core.policies.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
@@ -68,7 +68,7 @@ def folder(
 @pytest.fixture(scope="module")
 def trained(folder: Path) -> Mapper:
     make = partial(mapper.Method.make, settings=settings_of("mapper"))
-    policy = read_policy(folder / POLICY, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
+    policy = read_policy(folder / WEIGHTS, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
     assert isinstance(policy.network, Mapper)
     return policy.network.eval()
 
@@ -100,7 +100,8 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
     drawing: Any = Drawing(style)
     won = [
         each.states[-1].agent == each.labyrinth.goal
-        and len(each.actions) == len(shortest_route(each.labyrinth, np.random.default_rng(0)))
+        and len(each.actions)
+        == len(Solver(each.labyrinth).shortest_route(np.random.default_rng(0)))
         for each in attempts(
             Player.of(policy, 0), as_arrays(labyrinths, drawing), range(len(labyrinths))
         )
@@ -245,7 +246,7 @@ def counted(player: Player) -> tuple[Player, list[int]]:
 
 def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     torch.manual_seed(0)
-    arrays = as_arrays(labyrinths_of(2, 2), ObservationSpec("image", PICTURE_SIZE, draw=True))
+    arrays = as_arrays(labyrinths_of(2, 2, 3), ObservationSpec("image", PICTURE_SIZE, draw=True))
     for remember in (True, False):
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)

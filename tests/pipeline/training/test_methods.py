@@ -12,11 +12,11 @@ import torch
 from support.learning import equal_weights, states_seen_by
 from torch import nn
 
-from labyrinth_core.data.observations import Looks
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import METHODS
 from pipeline.training.methods.method import find

@@ -16,17 +16,17 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.data.observations import ObservationSpec
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import POLICY, NetworkSpec
-from labyrinth_core.world.dynamics import State
-from labyrinth_core.world.labyrinth import Labyrinth, Look
+from labyrinth_core.policies.spec import WEIGHTS, NetworkSpec
+from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world.rules import Look, State
 from labyrinth_core.world.sampling import sample_structures
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy
@@ -146,7 +146,7 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     settings = settings_of("planner", **record["run"]["settings"])
     spec = NetworkSpec("planner", 5, 5, "navigation")
     make = partial(planner.Method.make, settings=settings)
-    policy = read_policy(RELEASED / POLICY, spec, make=make)
+    policy = read_policy(RELEASED / WEIGHTS, spec, make=make)
     structures = sample_structures(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )

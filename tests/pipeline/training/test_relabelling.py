@@ -18,9 +18,9 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.dynamics import Episode, is_terminal, replay, transition
-from labyrinth_core.world.labyrinth import Task
-from pipeline.config.dataset import DemonstrationsConfig
+from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world.rules import Task
+from pipeline.command.dataset import DemonstrationsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.training.methods import bc, planner
 
@@ -49,8 +49,8 @@ def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> No
                     episode.actions[place] if step > 0 else (episode.actions[place - 1] + 2) % 4
                 )
                 state = episode.states[place]
-                assert not is_terminal(labyrinth, state)
-                assert transition(labyrinth, state, action) == episode.states[place + step]
+                assert not labyrinth.is_terminal(state)
+                assert labyrinth.transition(state, action) == episode.states[place + step]
     assert (reversed_parts > 0) == (task != "key_and_door")
 
 
@@ -155,4 +155,4 @@ def test_under_partial_observability_the_agents_cell_alone_is_labelled(datasets:
         (labyrinth, state), labels = sampler.example(rng, relabel=True, whole=True)
         (cell,) = np.flatnonzero(labels[::-1] != NO_LABEL)
         assert cell == state.agent
-        assert transition(labyrinth, state, labels[::-1].flat[cell]) != state
+        assert labyrinth.transition(state, labels[::-1].flat[cell]) != state

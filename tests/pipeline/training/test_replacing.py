@@ -16,10 +16,11 @@ from typing import Any
 import pytest
 from support.crashing import killed_before
 from support.making import Run
+from support.quick_python import python
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import file_sha256
-from labyrinth_core.policies.spec import POLICY, RECORD
+from labyrinth_core.data.storage import File
+from labyrinth_core.policies.spec import RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train
@@ -50,8 +51,8 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> 
 def require_finished(folder: Path) -> int:
     """Fail unless a folder holds a whole run; return the number of its epochs."""
     content = json.loads((folder / RECORD).read_bytes())
-    assert {name: file_sha256(folder / name) for name in content["files"]} == content["files"]
-    assert POLICY in content["files"]
+    assert {name: File(folder / name).sha256() for name in content["files"]} == content["files"]
+    assert WEIGHTS in content["files"]
     return int(content["epochs"])
 
 
@@ -72,7 +73,7 @@ def test_missing_curves_are_drawn_again_and_changed_ones_are_named(
     printed = " ".join(capsys.readouterr().out.split())
     assert f"{path} was missing, and is drawn again." in printed
     assert f"{path} was damaged or changed: delete it to have it drawn again." in printed
-    (path.parent / POLICY).write_bytes(b"damaged")
+    (path.parent / WEIGHTS).write_bytes(b"damaged")
     with pytest.raises(DatasetError, match=r"holds policy.* damaged or changed since it was made"):
         train.run(run)
 
@@ -101,7 +102,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert require_finished(folder) == 2
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
-        assert there == [HASHES, CURVES, "notes.txt", POLICY, RECORD]
+        assert there == [HASHES, CURVES, "notes.txt", WEIGHTS, RECORD]
     assert moments > 15
     assert displaced == 1  # Between the two renames, from which the next run recovers.
 
@@ -171,5 +172,5 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
         "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
     )
     for backend in ("module://no_such.backend", "no_such"):
-        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
+        command, environment = [python(), "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)

@@ -16,12 +16,11 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data import observations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.policies.spec import POLICY
+from labyrinth_core.pictures import looks
+from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.config.errors import ConfigError
-from pipeline.config.training import check_training
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.training import train
@@ -45,7 +44,7 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> 
 
 
 def weights_of(run: Run) -> bytes:
-    return (run.training_folder / POLICY).read_bytes()
+    return (run.training_folder / WEIGHTS).read_bytes()
 
 
 def record_of(run: Run) -> dict[str, Any]:
@@ -62,7 +61,7 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert torch.equal(torch.get_rng_state(), before)
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, POLICY, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, WEIGHTS, RECORD]
     record = record_of(run)
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64
@@ -151,12 +150,12 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     (run.training_folder / CURVES).unlink()
     train.run(run)
     assert "complete already" in capsys.readouterr().out  # No policy is trained for a picture.
-    (run.training_folder / POLICY).unlink()
+    (run.training_folder / WEIGHTS).unlink()
     train.run(run)
-    assert "made again, because missing: policy.safetensors" in capsys.readouterr().out
+    assert "made again, because missing: model.safetensors" in capsys.readouterr().out
     assert weights_of(run) == weights
-    (run.training_folder / POLICY).write_bytes(weights + b"?")
-    with pytest.raises(DatasetError, match=f"{POLICY}, damaged or changed .*: give overwrite=true"):
+    (run.training_folder / WEIGHTS).write_bytes(weights + b"?")
+    with pytest.raises(DatasetError, match=f"{WEIGHTS}, damaged or changed .*: give over"):
         train.run(run)
     assert weights_of(run) == weights + b"?"
     train.run(run_of(overwrite=True))
@@ -169,10 +168,10 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
     run = run_of()
     folder = run.training_folder
     folder.mkdir(parents=True)
-    (folder / POLICY).write_text("mine")
-    with pytest.raises(DatasetError, match=f"holds {POLICY}, which would be lost: move it"):
+    (folder / WEIGHTS).write_text("mine")
+    with pytest.raises(DatasetError, match=f"holds {WEIGHTS}, which would be lost: move it"):
         train.run(run)
-    (folder / POLICY).unlink()
+    (folder / WEIGHTS).unlink()
     train.run(run)
     for name in ("notes.txt", CHECKPOINT):
         (folder / name).write_text("mine")
@@ -219,7 +218,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
         train.run(run_of(tensorboard=True))
     monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
-        check_training(run_of().options)
+        run_of().options.check_training()
 
 
 def test_no_dataset_is_answered_with_the_command_that_makes_it(
@@ -346,7 +345,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
     held, drawn = run_of("held", **seen), run_of("drawn", **seen)
     train.run(held)
-    monkeypatch.setattr(observations, "HELD_BYTES", 0)
+    monkeypatch.setattr(looks, "HELD_BYTES", 0)
     train.run(drawn)
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labyrinth_core.learning.learner import setting
-from labyrinth_core.world.solver import simple_routes
+from labyrinth_core.world.solver import Solver
 
 from . import bc, learner
 
@@ -39,7 +39,7 @@ class Method(bc.Method):
         states, labels = [], []
         for number in self.problem.rng.integers(len(arrays.initial), size=self.settings.episodes):
             state = int(arrays.initial[number])
-            for action in simple_routes(arrays.labyrinths[number], limit=1)[0]:
+            for action in Solver(arrays.labyrinths[number]).simple_routes(limit=1)[0]:
                 states.append(state)
                 labels.append(action)
                 state = int(arrays.next_state[state, action])

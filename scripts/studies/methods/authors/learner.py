@@ -86,6 +86,7 @@ class AuthorsLearner(Learner):
 
     @classmethod
     def as_tried(cls, policy: Policy, arrays: LabyrinthArrays) -> dict[str, float]:
+        """Return the figures of a policy as the code tries it, for `try_authors.py`."""
         chances = cls.chances(_scores(policy, arrays))
         episodes, _ = try_out(arrays, chances, np.random.default_rng(0), cls.visits)
         return Scores.of(episodes, arrays).summary()

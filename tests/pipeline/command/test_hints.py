@@ -6,7 +6,6 @@ import os
 import shlex
 import shutil
 import subprocess
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,7 @@ from support.making import Run, RunConfig, resolve
 from support.quick_python import python
 
 from pipeline.command.hints import next_command
-from pipeline.config.stages import STAGES
-from pipeline.release.options import PublishOptions
+from pipeline.command.stages import STAGES
 
 
 @pytest.mark.slow
@@ -108,12 +106,3 @@ def test_a_stage_whose_wing_was_taken_out_is_not_suggested(monkeypatch) -> None:
 def test_an_evaluation_on_another_dataset_which_the_tables_ignore_suggests_no_tables() -> None:
     options = RunConfig(stages=("evaluate",), size="3", evaluate_on="data/other/4x4")
     assert suggested(options, ["size=3"]) == []
-
-
-def test_a_publication_says_what_loads_it_and_a_rehearsal_nothing() -> None:
-    publish = PublishOptions(repo_id="a/b", version="1.0.0")
-    options = RunConfig(stages=("publish",), publish=publish)
-    (line,) = suggested(options, [])
-    assert line == "Next: load_transitions takes the id of the dataset, from any machine."
-    rehearsed = replace(options, publish=replace(publish, dry_run=True))
-    assert suggested(rehearsed, []) == []

@@ -17,7 +17,7 @@ from support.composing import composed
 from support.making import RunConfig
 
 from pipeline.command.command_line import arranged, parsed, refusal
-from pipeline.command.composed import DEFAULTS, KINDS, unused
+from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.texts import quote_texts
 from pipeline.config.errors import ConfigError
 
@@ -204,24 +204,6 @@ def test_a_method_without_a_class_is_told_what_to_give(given: str) -> None:
 def test_settings_are_compared_with_those_of_a_run_only_if_they_are_chosen() -> None:
     assert composed("method=planner").options.method == {"name": "planner"}
     assert composed("method=planner", "method.epochs=30").options.method["epochs"] == 30
-
-
-@pytest.mark.parametrize(
-    ("name", "stages", "users"),
-    [
-        ("method", ["build"], ("publish", "train", "evaluate")),
-        ("method.epochs", ["report"], ("publish", "train", "evaluate")),
-        ("publish.version", ["build", "card"], ("publish",)),
-        ("export.format", ["publish"], None),
-        ("policy", ["evaluate"], None),
-        ("policy", ["results"], ("evaluate",)),
-        ("size", ["results"], None),
-    ],
-)
-def test_an_option_that_no_requested_stage_uses_is_told(
-    name: str, stages: list[str], users: tuple[str, ...] | None
-) -> None:
-    assert unused([name], stages) == ({name: users} if users else {})
 
 
 def test_the_defaults_that_are_documented_are_those_of_the_options() -> None:

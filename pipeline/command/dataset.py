@@ -7,9 +7,9 @@ from dataclasses import dataclass, fields, replace
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SHIFTS
 from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.world.buckets import BUCKETS
-from labyrinth_core.world.labyrinth import Task
+from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
+from labyrinth_core.world.structure import BUCKETS
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 

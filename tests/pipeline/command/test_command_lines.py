@@ -1,7 +1,7 @@
 """Command lines and what they answer: exit status and output, as `command_lines.txt` holds them.
 
 Of the configuration that `--cfg job` prints, the file has the lines that differ from the defaults.
-`PYTHONPATH=.:tests python tests/pipeline/test_command_lines.py` writes the file again;
+`PYTHONPATH=.:tests python tests/pipeline/command/test_command_lines.py` writes the file again;
 `git diff` then shows what changed for a user.
 """
 
@@ -11,8 +11,7 @@ import difflib
 import os
 import re
 import shlex
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -56,42 +55,38 @@ def answered(line: str) -> tuple[int, str, str]:
     return done.returncode, printed, errors
 
 
-def block(line: str, usual: list[str]) -> str:
-    """Return the text of the file about a command line; `usual` is the default configuration."""
+@cache
+def usual() -> list[str]:
+    """Return the lines of the default configuration."""
+    return answered("--cfg job")[1].splitlines()
+
+
+def block(line: str) -> str:
+    """Return the text of the file about a command line."""
     status, printed, errors = answered(line)
     lines = printed.splitlines()
     if "sampler: wilson" in lines:
-        lines = [each for each in difflib.ndiff(usual, lines) if each[0] in "+-"]
+        lines = [each for each in difflib.ndiff(usual(), lines) if each[0] in "+-"]
     elif len(lines) > 12:
         lines = [*lines[:6], f"... ({len(lines) - 6} more)"]
     shown = [*lines, *(f"! {each}" for each in errors.splitlines())]
     return "\n".join([f"$ {line}", f"= {status}", *shown]) + "\n"
 
 
-def kept() -> list[str]:
-    """Return the blocks of the file, one for each command line."""
-    return [f"$ {each}" for each in KEPT.read_text(encoding="utf-8").split("\n$ ")[1:]]
+def kept() -> dict[str, str]:
+    """Return the blocks of the file by their command lines."""
+    blocks = [f"$ {each}" for each in KEPT.read_text(encoding="utf-8").split("\n$ ")[1:]]
+    return {each.splitlines()[0].removeprefix("$ "): each for each in blocks}
 
 
-def typed(blocks: list[str]) -> Iterator[str]:
-    """Yield the command line of each block."""
-    for each in blocks:
-        yield each.splitlines()[0].removeprefix("$ ")
+@pytest.mark.parametrize("line", kept())
+def test_a_command_line_answers_what_is_written_down(line: str) -> None:
+    assert block(line).rstrip() == kept()[line].rstrip()
 
 
-def blocks_of(lines: list[str]) -> list[str]:
-    """Return what each command line answers now."""
-    usual = answered("--cfg job")[1].splitlines()
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(lambda line: block(line, usual), lines))
-
-
-def test_command_lines_answer_what_is_written_down() -> None:
-    blocks = kept()
-    assert len(blocks) > 60
-    for now, before in zip(blocks_of([*typed(blocks)]), blocks, strict=True):
-        assert now.rstrip() == before.rstrip()
+def test_sixty_command_lines_are_written_down() -> None:
+    assert len(kept()) > 60
 
 
 if __name__ == "__main__":
-    KEPT.write_text("\n" + "\n".join(blocks_of([*typed(kept())])), encoding="utf-8")
+    KEPT.write_text("\n" + "\n".join(map(block, kept())), encoding="utf-8")

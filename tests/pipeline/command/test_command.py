@@ -18,7 +18,7 @@ from support.quick_python import python
 from support.tampering import content_of
 
 from labyrinth_core.data.manifest import Manifest
-from pipeline.config.stage import CONFIG
+from pipeline.config.stage import Job
 
 pytestmark = pytest.mark.slow
 
@@ -100,9 +100,11 @@ def test_no_message_fails_for_want_of_a_character(tmp_path: Path, encoding: str)
     assert expected in done.stdout
 
 
-@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
-def test_what_the_shell_has_closed_changes_nothing(tmp_path: Path, closed: str) -> None:
-    options = ["size=2x3", "labyrinths=2", "workers=2", "stages=[build,validate]"]
+@pytest.mark.parametrize(("closed", "workers"), [(">&-", 1), ("2>&-", 1), ("<&- >&- 2>&-", 2)])
+def test_what_the_shell_has_closed_changes_nothing(
+    tmp_path: Path, closed: str, workers: int
+) -> None:
+    options = ["size=2x3", "labyrinths=2", f"workers={workers}", "stages=[build,validate]"]
     command = shlex.join([sys.executable, str(RUN), *options])
     done = subprocess.run(f"{command} {closed}", shell=True, cwd=tmp_path, check=False)
     assert done.returncode == 0
@@ -241,21 +243,22 @@ def test_what_was_made_lies_beside_the_options_that_make_it_again(
 ) -> None:
     data = f"data_dir={small_dataset.data_dir}"
     method = ["method=bc", "method.epochs=1", "threads=1", "train_labyrinths=3"]
+    method += ["encoder=mlp", "observation=vector"]
     stages = ["stages=[train,export]", "export=imitation", "export.splits=test"]
     texts = ["evaluation.name=true", r"evaluation.budget='1.10 \${x}'"]
     first = run(tmp_path, "size=3", data, *method, *stages, *texts)
     assert (first.returncode, first.stderr) == (0, "")
     made = content_of(tmp_path)
-    of_run = "runs/3x3/bc-cnn-seed0-labyrinths3"
+    of_run = "runs/3x3/bc-mlp-seed0-labyrinths3"
     for folder in (of_run, "exports/imitation/labyrinth/3x3/test-v0"):
-        assert f"  {CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
+        assert f"  {Job.CONFIG}\n" in made[f"{folder}/SHA256SUMS"].decode()
         again = tmp_path / "again"
         again.mkdir()
         done = run(again, "--config-dir", f"../{folder}", "--config-name", "config")
         assert (done.returncode, done.stderr) == (0, "")
         repeated = content_of(again)
         assert repeated.keys() == made.keys()
-        for name in (f"{of_run}/{CONFIG}", f"{of_run}/policy.safetensors"):
+        for name in (f"{of_run}/{Job.CONFIG}", f"{of_run}/model.safetensors"):
             assert repeated[name] == made[name]
         shutil.rmtree(again)
 

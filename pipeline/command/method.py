@@ -15,33 +15,11 @@ from typing import Any
 import yaml
 
 from pipeline.config.errors import check, no_option
+from pipeline.config.training import METHODS, TrainingOptions
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = (_INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf").absolute()
 """Hydra's configuration folder: in the installed package, or else in the clone."""
-
-METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
-"""The modules of the methods in `pipeline.training.methods`, and their files in `conf/method`."""
-
-_OURS = "pipeline.training.methods"
-
-
-def target_of(name: str) -> str:
-    """Return the dotted name of the class of a method, by the method's name in records."""
-    return f"{_OURS}.{name}.Method" if name in METHODS else name.replace(":", ".")
-
-
-def _name_of(target: str) -> str:
-    """Return the name in records of the method whose class has this dotted name."""
-    module, _, name = target.rpartition(".")
-    ours = module.removeprefix(f"{_OURS}.")
-    if name == "Method" and ours in METHODS and module != ours:
-        return ours
-    above, _, last = module.rpartition(".")
-    while above and last[:1].isupper():  # The class is within another class.
-        module, name = above, f"{last}.{name}"
-        above, _, last = module.rpartition(".")
-    return f"{module}:{name}"
 
 
 @cache
@@ -71,7 +49,7 @@ def chosen_method(values: Mapping[str, Any], typed: Container[str]) -> dict[str,
         re.fullmatch(r"\w+(\.\w+)+", target) is not None,
         f"method._target_={target}: give the class of a method as module.Class",
     )
-    name = _name_of(target)
+    name = TrainingOptions.name_of(target)
     if name in METHODS:
         usual = usual_settings(name)
         for key in settings:
