@@ -5,7 +5,7 @@ Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, make_dataclass
 from pathlib import Path
@@ -207,7 +207,7 @@ def as_file(config: DictConfig) -> str:
 
 
 def resolve(
-    options: Any, *, names_dataset: bool = False, composed: str = ""
+    options: Any, *, names_dataset: bool = False, composed: Callable[[], str] = str
 ) -> Mapping[str, Job[Any]]:
     """Check the options of a command line, and return the job of each stage that it requests.
 

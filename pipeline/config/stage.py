@@ -35,8 +35,8 @@ class Job(Generic[Options]):
     """`data_dir` as results and records name it: as typed, so that a home folder stays `~`."""
     names_dataset: bool = False
     """Whether the command line gives `size` or `task`, so that the dataset has to exist."""
-    composed: str = ""
-    """All options of the command line, as the content of `CONFIG`; empty without a command line."""
+    composed: Callable[[], str] = str
+    """Returns all options of the command line, as the content of `CONFIG`; empty without one."""
     CONFIG: ClassVar[str] = "config.yaml"
     """The file beside what a stage made, with the options that it was made with."""
 
@@ -95,8 +95,8 @@ class Job(Generic[Options]):
 
     def write_config(self, folder: Path) -> None:
         """Write the options of the command line, if there is one, beside what they made."""
-        if self.composed:
-            File(folder / self.CONFIG).write_text(self.composed)
+        if content := self.composed():
+            File(folder / self.CONFIG).write_text(content)
 
 
 def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import Record, read_run, trained_run
+from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import (
     CONFIG,
     RECORD,
@@ -112,7 +113,7 @@ def stage_policy(
 
 def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
-) -> tuple[Results, TrainedRun, Record]:
+) -> tuple[Results, TrainedRun, Mapping[str, Any]]:
     """Return the results in the folder of a run, their description of the run, and its record."""
     folder = job.options.run_folder(job.dataset)
     path, anew = folder / Results.FILE, "stages=evaluate makes it again"

@@ -12,6 +12,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.commands import refused
 from support.planting import labyrinths, transposed
 from support.tampering import folder_behind_link
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
@@ -243,3 +244,15 @@ def test_no_analysis_is_written_through_a_link(files, make_run, tmp_path):
     with pytest.raises(DatasetError, match="analysis is a link, and nothing is written through it"):
         certified(make_run, files, tmp_path)
     assert list(elsewhere.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["certify.config=a"], "certify.source=: give what to certify"),
+        (["certify.source=gymnasium:A-v0"], "certify.train=: give its seeds"),
+        (["certify.source=a.npy", "certify.test=0:9"], "certify.source=a.npy: labyrinths have"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_in_one_line(options, message):
+    assert message in refused("stages=certify", *options)

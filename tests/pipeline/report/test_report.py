@@ -10,6 +10,7 @@ from functools import reduce
 from operator import getitem
 
 import pytest
+from support.commands import run
 from support.reporting import METHOD, analyse, evaluate, evaluate_own
 from support.tampering import content_of, folder_behind_link
 
@@ -283,3 +284,9 @@ def test_no_report_is_written_through_a_link(data_dir, tmp_path):
     with pytest.raises(DatasetError, match="report is a link, and nothing is written through it"):
         write_report(data_dir, tmp_path)
     assert list(elsewhere.iterdir()) == []
+
+
+def test_the_stage_is_about_all_datasets_and_needs_no_size(data_dir, tmp_path):
+    for named in ([], ["size=3"]):
+        done = run(tmp_path, f"data_dir={data_dir}", "stages=report", *named)
+        assert done.returncode == 0, done.stderr
