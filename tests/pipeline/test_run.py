@@ -18,7 +18,7 @@ from support.quick_python import python
 from support.tampering import content_of, identities
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.version import __version__
 from pipeline.command.composed import DEFAULTS, OPTIONS
 from pipeline.command.stages import STAGES
@@ -176,7 +176,7 @@ def test_a_run_builds_and_validates_and_a_second_one_changes_no_byte(
     assert "load_dataset('data', '3x3')" in first.stdout
     rows = sum(shard.rows for shard in Manifest.read(small_dataset.folder).shards)
     assert f"data/3x3 is valid: {rows:,} rows replayed." in spaced(first.stdout)
-    assert all(split in first.stdout for split in BASE_SPLITS)
+    assert all(split in first.stdout for split in SPLITS.base)
     content = content_of(tmp_path)
     of_the_build = content_of(small_dataset.data_dir)
     assert {name: content[f"data/{name}"] for name in of_the_build} == of_the_build

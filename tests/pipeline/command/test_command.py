@@ -157,7 +157,7 @@ def test_a_folder_that_a_user_gives_for_a_sweep_is_used(tmp_path: Path) -> None:
 
 def test_texts_stay_as_typed_in_each_run_of_a_sweep(tmp_path: Path) -> None:
     stage = """import yaml
-    options = yaml.safe_load(run.composed)
+    options = yaml.safe_load(run.composed())
     print('read', options['revision'], options['dataset'], options['evaluation']['name'])
 """
     swept = ["revision=1.10,1.1,1e3", "dataset=choice(1.0,true)", "evaluation.name=true"]

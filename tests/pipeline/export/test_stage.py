@@ -24,7 +24,7 @@ from support.tampering import content_of
 
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, TABLE
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS, ExportOptions
@@ -181,12 +181,12 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
 
 def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
     shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
-    path = tmp_path / "theirs" / "3x3" / TABLE
+    path = tmp_path / "theirs" / "3x3" / Manifest.TABLE
     table = pq.read_table(path)
     pq.write_table(table.take([*range(1, len(table)), 0]), path)
-    content = json.loads((path.parent / MANIFEST).read_bytes())
+    content = json.loads((path.parent / Manifest.FILE).read_bytes())
     content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": File(path).sha256()}
-    (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    (path.parent / Manifest.FILE).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
