@@ -72,8 +72,7 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     policy = opened(options.policy)
     folder, run = Path(options.policy).expanduser(), getattr(policy, "run", None)
     # Under another name it is a copy, such as a download, whose results lie in `run_dir`.
-    own = run is not None and folder.absolute().name == run.name
-    if run is not None and own and not described_by(options.evaluation):
+    if run and folder.absolute().name == run.name and not described_by(options.evaluation):
         trained_on = partial(Dataset, run.dataset, run.config, run.revision)
         return _of_run(job, folder, data, trained_on)
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name

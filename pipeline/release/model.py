@@ -13,7 +13,7 @@ from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
@@ -142,7 +142,9 @@ def _results(
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
     """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
-    if (job.folder / MANIFEST).is_file() and (local := Dataset.at(job.folder)).manifest == manifest:
+    if (job.folder / Manifest.FILE).is_file() and (
+        local := Dataset.at(job.folder)
+    ).manifest == manifest:
         return KnownDataset(local)
     return KnownDataset(Dataset(job.options.dataset_on_hub[0], job.dataset.name, commit))
 
