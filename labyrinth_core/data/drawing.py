@@ -7,9 +7,10 @@ seed would hold, without building it.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from functools import partial
+from dataclasses import dataclass
+from functools import lru_cache, partial
 from itertools import count, islice
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,13 +27,6 @@ from labyrinth_core.world.tasks import (
     Placer,
     default_start_and_goal,
 )
-
-CELLS_PER_CHUNK = 1_638_400, 204_800
-"""The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
-
-PATIENCE = 300_000
-"""The number of candidates without success after which the sampler gives up."""
-
 
 _PLACING, _ACTING, _DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
@@ -51,10 +45,16 @@ class Solution(NamedTuple):
         return self.episodes[0].labyrinth
 
 
-class Drawing(NamedTuple):
+@dataclass(frozen=True)
+class Drawing:
     """The random choices of a dataset, which follow from its config."""
 
     config: DatasetConfig
+
+    CELLS_PER_CHUNK: ClassVar = 1_638_400, 204_800
+    """The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
+    PATIENCE: ClassVar = 300_000
+    """The number of candidates without success after which the sampler gives up."""
 
     def rng(self, split: str, structure: Structure) -> np.random.Generator:
         """Return the generator that places start, goal and tiles of a structure in a split."""
@@ -75,13 +75,7 @@ class Drawing(NamedTuple):
         Raises:
             LabyrinthError: The structure cannot hold the task.
         """
-        if self.config.goals == "varied":
-            return Placer(self.rng(split, structure)).any_ends(structure, self.config.task)
-        start, goal = default_start_and_goal(self.config.height, self.config.width)
-        if not self.config.task.rules.tiles:  # Nothing is drawn.
-            return Labyrinth(structure, start, goal, self.config.task)
-        placer = Placer(self.rng(split, structure))
-        return placer.place(structure, start, goal, self.config.task)
+        return _labyrinth(self, split, structure)
 
     def holds_task(self, split: str, structure: Structure) -> bool:
         """Return whether a structure can hold the task, also with another start and goal.
@@ -89,8 +83,11 @@ class Drawing(NamedTuple):
         Train, validation and test have the same requirement, so that they have the same
         distribution.
         """
-        if not self.config.task.rules.tiles:
+        rules = self.config.task.rules
+        if not rules.tiles:
             return True
+        if rules.needs_loops and not structure.loops:
+            return False
         try:
             labyrinth = self.labyrinth(split, structure)
             Placer(self.rng("s0", structure)).other_start(labyrinth)
@@ -127,7 +124,8 @@ class Drawing(NamedTuple):
                 seen.add(structure.structure_id)
                 split = structure.split(self.config.buckets)
                 if only in (None, split):
-                    split = self.config.bucket_of(structure)
+                    if self.config.goals == "varied":
+                        split = self.config.bucket_of(structure)
                     if split is not None and not self.holds_task(split, structure):
                         split = None
             yield structure, split
@@ -143,13 +141,13 @@ class Drawing(NamedTuple):
             split: train, validation or test.
         """
         config = self.config
-        sizes = [max(1, each // (config.height * config.width)) for each in CELLS_PER_CHUNK]
+        sizes = [max(1, each // (config.height * config.width)) for each in self.CELLS_PER_CHUNK]
         seen: set[str] = set()
         failed = 0
         for number in count():
             for structure, found in islice(self.candidates(number, split), sizes[number > 0]):
                 failed += 1
-                if failed > PATIENCE:
+                if failed > self.PATIENCE:
                     return
                 if found == split and structure.structure_id not in seen:
                     seen.add(structure.structure_id)
@@ -190,28 +188,43 @@ class Drawing(NamedTuple):
                     continue
 
     def solve(self, split: str, labyrinth: Labyrinth) -> Solution:
+        """Return the `episodes` of a labyrinth, and the length and number of shortest routes."""
+        solver = Solver(labyrinth)
+        return Solution(self._episodes(split, solver), solver.moves_and_routes())
+
+    def episodes(self, split: str, labyrinth: Labyrinth) -> list[Episode]:
         """Return the episodes of a labyrinth, in order; the config selects the routes.
 
         Args:
             split: The split of the labyrinth; in `random` a random policy acts instead.
             labyrinth: The labyrinth to solve.
         """
-        config, kind = self.config, SPLITS[split]
+        return self._episodes(split, Solver(labyrinth))
+
+    def _episodes(self, split: str, solver: Solver) -> list[Episode]:
+        config, kind, labyrinth = self.config, SPLITS[split], solver.labyrinth
         # A shift that changes only pictures uses the randomness of its parent.
         drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
-        solver = Solver(labyrinth)
         make_rng = partial(self.acting_rng, drawn_for, labyrinth.structure)
         if split == "random":
-            episodes = list(_random_episodes(labyrinth, make_rng(), config.random_steps))
-        elif config.noise:
-            episodes = [replay(labyrinth, solver.erring_route(config.noise, make_rng()))]
-        elif config.solutions == "shortest":
-            episodes = [replay(labyrinth, solver.shortest_route(make_rng))]
-        else:
-            every = solver.simple_routes if config.solutions == "all" else solver.shortest_routes
-            routes = every(config.solutions_limit)
-            episodes = [replay(labyrinth, route) for route in routes]
-        return Solution(episodes, solver.moves_and_routes())
+            return list(_random_episodes(labyrinth, make_rng(), config.random_steps))
+        if config.noise:
+            return [replay(labyrinth, solver.erring_route(config.noise, make_rng()))]
+        if config.solutions == "shortest":
+            return [replay(labyrinth, solver.shortest_route(make_rng))]
+        every = solver.simple_routes if config.solutions == "all" else solver.shortest_routes
+        return [replay(labyrinth, route) for route in every(config.solutions_limit)]
+
+
+@lru_cache(maxsize=1)  # A structure is first asked whether it holds the task, then for all of it.
+def _labyrinth(drawing: Drawing, split: str, structure: Structure) -> Labyrinth:
+    config = drawing.config
+    if config.goals == "varied":
+        return Placer(drawing.rng(split, structure)).any_ends(structure, config.task)
+    start, goal = default_start_and_goal(config.height, config.width)
+    if not config.task.rules.tiles:  # Nothing is drawn.
+        return Labyrinth(structure, start, goal, config.task)
+    return Placer(drawing.rng(split, structure)).place(structure, start, goal, config.task)
 
 
 def _random_episodes(

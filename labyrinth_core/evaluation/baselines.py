@@ -145,12 +145,14 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     count, labyrinths = arrays.next_state.shape[0], len(arrays.initial)
     here = np.repeat(np.arange(count), 4)
     onward, ends = ~arrays.done.ravel(), arrays.done.ravel() & ~arrays.terminal[here]
-    sources, targets = here[onward], arrays.next_state.ravel()[onward]
+    before = _before(here[onward], arrays.next_state.ravel()[onward], count)
     last, paid = here[ends], arrays.rewards.ravel()[ends].astype(np.float64)
     penalty = RULES.step_penalty / arrays.cells
     goals = paid > 0
     distance = arrays.distance[arrays.labyrinth[last[goals]]]
-    alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
+    begun = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
+    alive = begun.astype(np.float64)  # Weighted counts are floats; NumPy declares whole numbers.
+    moving, onto = np.zeros(count + 1), np.empty(count)
     solved = within = spl = mean = square = 0.0
     for step in range(arrays.step_limit):
         ending, returns = alive[last] / 4, paid - penalty * step
@@ -160,9 +162,28 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
         spl += float(reaching @ distance) / (step + 1)
         mean += float(ending @ returns)
         square += float(ending @ returns**2)
-        alive = np.bincount(targets, alive[sources] / 4, count)
+        np.divide(alive, 4, out=moving[:-1])
+        moving.take(before[0], out=alive, mode="clip")
+        for sources in before[1:]:
+            alive += moving.take(sources, out=onto, mode="clip")
     left, cut = float(alive.sum()), -penalty * arrays.step_limit
     mean, square = mean + left * cut, square + left * cut**2
     deviation = max(square - mean**2, 0.0) ** 0.5
     figures = {"sr": solved, "sr_within_cells": within, "spl": spl}
     return figures | {"aer": mean, "aer_std": deviation}
+
+
+def _before(
+    sources: NDArray[np.int64], targets: NDArray[np.int64], count: int
+) -> NDArray[np.int64]:
+    """Return the sources of the moves to each of `count` states, a row for each move of a state.
+
+    Adding what comes along the rows in turn takes half the time of `np.bincount`, and gives the
+    same sums to the bit. Where a state has fewer moves, the source is `count`.
+    """
+    moves = np.bincount(targets, minlength=count)
+    order = np.argsort(targets, kind="stable")
+    place = np.arange(len(order)) - np.repeat(np.cumsum(moves) - moves, moves)
+    before = np.full((max(moves.max(initial=0), 1), count), count)
+    before[place, targets[order]] = sources[order]
+    return before

@@ -84,7 +84,7 @@ class Demonstrated:
         for train, (config, labyrinths) in enumerate(sets):
             batches.append(Labyrinths.of(labyrinths))
             for labyrinth in labyrinths:
-                for episode in Drawing(config).solve("train", labyrinth).episodes:
+                for episode in Drawing(config).episodes("train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
                         place = train, number, labyrinth.state_index(state)

@@ -54,7 +54,7 @@ class FreshLabyrinths:
 
         def routes(split: str) -> list[list[NDArray[np.int64]]]:
             """Return the actions of the episodes of each labyrinth."""
-            episodes = (Drawing(config).solve(split, each).episodes for each in drawn)
+            episodes = (Drawing(config).episodes(split, each) for each in drawn)
             return [[each.actions.astype(np.int64) for each in of_one] for of_one in episodes]
 
         def exploration() -> Steps:

@@ -6,7 +6,7 @@ of a picture in which it differs from its scene.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -79,11 +79,26 @@ def backdrops_of(
     scenes: Scenes, image_size: int, style: Style, resize: str = "area"
 ) -> Iterator[tuple[int, Backdrops]]:
     """Yield the scenes in batches that fit the cache: the index of the first, and the backdrops."""
-    insets = INSETS if scenes.task.rules.phases > 1 else ()
-    bands = bands_of(scenes.height, scenes.width, style.wall_pixels, image_size, resize, insets)
+    phases = scenes.task.rules.phases
+    bands = _bands_of(scenes.height, scenes.width, style.wall_pixels, image_size, resize, phases)
     together = max(1, SUMS_BYTES // (3 * bands.rows.bands[:, 0].nbytes * image_size))
     for first in range(0, len(scenes.vectors), together):
         yield first, Backdrops(scenes.take(slice(first, first + together)), bands, style)
+
+
+def memory_of_scene(
+    height: int, width: int, wall_pixels: int | None, image_size: int, resize: str, phases: int
+) -> int:
+    """Return the bytes that a scene takes: its sums, and a byte for each of their colours."""
+    lines = _bands_of(height, width, wall_pixels, image_size, resize, phases).rows.bands[:, 0]
+    return 3 * image_size * (lines.nbytes + lines.size)
+
+
+def _bands_of(
+    height: int, width: int, wall_pixels: int | None, image_size: int, resize: str, phases: int
+) -> Bands:
+    insets = INSETS if phases > 1 else ()
+    return bands_of(height, width, wall_pixels, image_size, resize, insets)
 
 
 class Backdrops:
@@ -103,6 +118,28 @@ class Backdrops:
                 self._add_squares(code, squares(style, code))
         self._colours = bands.rounded(self._sums)
 
+    @classmethod
+    def joined(cls, parts: Iterable[tuple[int, Backdrops]], count: int) -> Backdrops:
+        """Return the scenes of all parts as one, from which states are drawn in one go.
+
+        Args:
+            parts: The index of each part's first scene, and the part; at least one.
+            count: The number of scenes of all parts.
+        """
+        whole = cls.__new__(cls)
+        for first, part in parts:
+            if not first:
+                whole._count, whole._bands = count, part._bands
+                whole._width, whole._palette = part._width, part._palette
+                whole._codes, whole._sums, whole._colours = (
+                    np.empty((count, *each.shape[1:]), each.dtype)
+                    for each in (part._codes, part._sums, part._colours)
+                )
+            own = slice(first, first + len(part))
+            whole._codes[own], whole._sums[own] = part._codes, part._sums
+            whole._colours[own] = part._colours
+        return whole
+
     def __len__(self) -> int:
         """Return the number of scenes."""
         return self._count
@@ -113,10 +150,11 @@ class Backdrops:
         row, column = np.divmod(cells, self._width)
         for (_, outer), (inset, inner) in pairwise(nested):
             if inset:
-                down = self._bands.rows.squares[inset][row]
-                across = self._bands.columns.squares[inset][column]
+                lines, down = _touched(self._bands.rows.squares[inset], row)
+                columns, across = _touched(self._bands.columns.squares[inset], column)
                 change = np.subtract(inner, outer, dtype=down.dtype)
-                self._sums[scenes] += (down[:, :, None] * across[:, None])[..., None] * change
+                where = scenes[:, None, None], lines[:, :, None], columns[:, None]
+                self._sums[where] += (down[:, :, None] * across[:, None])[..., None] * change
 
     def bare(self) -> Pictures:
         """Return the picture of each scene, shape (N, image_size, image_size, 3)."""
@@ -165,6 +203,22 @@ class Backdrops:
         down = self._bands.rows.in_windows[inset][row]
         across = self._bands.columns.in_windows[inset][column]
         sums += down[:, :, None, None] * (across[:, :, None] * changes[:, None])[:, None]
+
+
+def _touched(squares: Sums, cells: Numbers) -> tuple[Numbers, Sums]:
+    """Return the lines of pixels that the squares in some cells touch, and the squares' weights.
+
+    Args:
+        squares: The weight of the square in each cell in each line, shape (cells, lines).
+        cells: The N cells along the axis.
+
+    Returns:
+        Shapes (N, most), where most is the number of lines that some square touches.
+    """
+    touched = squares.astype(np.bool_)
+    most = touched.sum(axis=1).max()
+    lines = np.argsort(~touched, axis=1, kind="stable")[cells, :most]
+    return lines, np.take_along_axis(squares[cells], lines, axis=1)
 
 
 class _Palette(NamedTuple):

@@ -88,9 +88,14 @@ class Looks:
         task = self._alike[0].task
         if self._spec.observation != "image" or task.rules.hides:
             return False
-        # At most a float64 and a byte for each channel of each pixel.
-        scenes = len(self._labyrinths) * task.rules.phases
-        return scenes * 3 * self._spec.image_size**2 * 9 <= KEPT_BYTES
+        wall_pixels, resize = RESIZES[self._spec.resize]
+        needed = sum(
+            KeptScenes.memory_of(
+                alike, self._spec.image_size, wall_pixels=wall_pixels, resize=resize
+            )
+            for alike in self._alike
+        )
+        return needed <= KEPT_BYTES
 
     def _kept(self, number: int) -> KeptScenes:
         """Return the scenes of the labyrinths of a look, which are drawn when first requested."""

@@ -21,6 +21,7 @@ from labyrinth_core.pictures.backdrops import (
     Pictures,
     Scenes,
     backdrops_of,
+    memory_of_scene,
 )
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter, Style, style_for
@@ -238,7 +239,23 @@ class KeptScenes:
         vectors = initial_vectors(structures, labyrinths.tiles, labyrinths.ground)
         scenes = Scenes(*shape, labyrinths.task, vectors[which], phase > 0, phase > 1)
         style = style_for(labyrinths.look, *shape, wall_pixels)
-        self._backdrops = list(backdrops_of(scenes, image_size, style, resize))
+        parts = backdrops_of(scenes, image_size, style, resize)
+        self._backdrops = Backdrops.joined(parts, len(which))
+
+    @staticmethod
+    def memory_of(
+        labyrinths: Labyrinths,
+        image_size: int,
+        *,
+        wall_pixels: int | None = None,
+        resize: str = "area",
+    ) -> int:
+        """Return the bytes that the scenes take; the arguments are those of `draw_many`."""
+        height, width = labyrinths.structures.height, labyrinths.structures.width
+        thickness = style_for(labyrinths.look, height, width, wall_pixels).wall_pixels
+        phases = labyrinths.task.rules.phases
+        of_one = memory_of_scene(height, width, thickness, image_size, resize, phases)
+        return len(labyrinths) * phases * of_one
 
     def draw(self, which: Numbers, states: Numbers) -> Pictures:
         """Return the pictures of N states; the arguments are those of `draw_many`."""
@@ -247,7 +264,7 @@ class KeptScenes:
         if self._phases > 1:  # An agent on the key's cell hides the key.
             gone = np.maximum(phase, agents == self._tiles[which, 2])
         pictures = np.empty((len(states), self._size, self._size, 3), np.uint8)
-        _fill(pictures, self._backdrops, which * self._phases + gone, agents, phase == 1)
+        self._backdrops.draw(pictures, which * self._phases + gone, agents, phase == 1)
         return pictures
 
 

@@ -171,19 +171,22 @@ class Labyrinth:
         Rows of impossible states are meaningless: on a closed door, or on the key without it.
         """
         moves, cells = self.structure.moves, self.structure.cells
-        if self.door is None:
+        key, door = self.key, self.door
+        if key is None or door is None:
             return moves
-        table = []
-        for index in range(self.state_count):
-            after = moves[index % cells]
-            if self.door in after or self.key in after:
-                state = self.state_at(index)
-                up, right, down, left = (
-                    self.state_index(self.transition(state, action)) for action in range(4)
-                )
-            else:  # Nothing but the cell changes.
-                up, right, down, left = (cell + index - index % cells for cell in after)
-            table.append((up, right, down, left))
+        # Where the agent steps neither on the key nor through the door, only its cell changes.
+        table = [
+            (up + others, right + others, down + others, left + others)
+            for others in range(0, self.state_count, cells)
+            for up, right, down, left in moves
+        ]
+        beside = {key, door, *moves[key], *moves[door]}
+        for index in [*beside, *(cell + cells for cell in beside)]:
+            state = self.state_at(index)
+            up, right, down, left = (
+                self.state_index(self.transition(state, action)) for action in range(4)
+            )
+            table[index] = up, right, down, left
         return table
 
 

@@ -6,7 +6,7 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from itertools import islice
 from typing import Any, NamedTuple
@@ -31,25 +31,21 @@ def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
 
 
 def _place_key_and_door(
-    structure: Structure,
-    start: int,
-    goal: int,
-    rng: np.random.Generator,
-    key: int | None = None,
-    door: int | None = None,
+    plain: Labyrinth, rng: np.random.Generator, key: int | None = None, door: int | None = None
 ) -> dict[str, Any]:
-    doors, found = _unavoidable(structure, start, goal)
+    doors, found = _unavoidable(plain)
     if door is not None:
         doors = {door: doors[door]} if door in doors else {}
     if not doors:
         raise LabyrinthError("no place for the door: no cell lies on every route from S to E", door)
-    from_start, from_goal = structure.distances(start), structure.distances(goal)
+    from_start, from_goal = plain.structure.distances(plain.start), plain.cell_distances
+    shortest = from_goal[plain.start]
     keys = [
         cell
         for cell in found
-        if from_start[cell] + from_goal[cell] > from_start[goal] and key in (None, cell)
+        if from_start[cell] + from_goal[cell] > shortest and key in (None, cell)
     ]
-    first = min((found[cell] for cell in keys), default=structure.cells)
+    first = min((found[cell] for cell in keys), default=plain.structure.cells)
     doors = {cell: place for cell, place in doors.items() if place > first}
     if not doors and key is not None:
         raise LabyrinthError("no place for the door that fits the key", key)
@@ -60,9 +56,7 @@ def _place_key_and_door(
     return {"key": keys[rng.integers(len(keys))], "door": door}
 
 
-def _unavoidable(
-    structure: Structure, start: int, goal: int
-) -> tuple[dict[int, int], dict[int, int]]:
+def _unavoidable(plain: Labyrinth) -> tuple[dict[int, int], dict[int, int]]:
     """Return the cells on every route, and the cells that can be reached before them.
 
     Walk along one shortest route and, from each of its cells, flood the cells beside the route.
@@ -73,13 +67,11 @@ def _unavoidable(
         walked, each with the index on that route from which it was found. A cell off the route can
         be reached before an unavoidable cell if its index is smaller.
     """
-    moves, distance = structure.moves, structure.distances(goal)
+    moves, distance = plain.structure.moves, plain.cell_distances
     unavoidable: dict[int, int] = {}
     found: dict[int, int] = {}
-    if distance[start] == UNREACHABLE:
-        return unavoidable, found
-    route = [start]
-    while route[-1] != goal:
+    route = [plain.start]
+    while route[-1] != plain.goal:
         route.append(next(c for c in moves[route[-1]] if distance[c] == distance[route[-1]] - 1))
     place_on_route = {cell: place for place, cell in enumerate(route)}
     farthest = 0
@@ -98,51 +90,49 @@ def _unavoidable(
     return unavoidable, found
 
 
-def _place_ice(
-    structure: Structure, start: int, goal: int, rng: np.random.Generator
-) -> dict[str, Any]:
-    from_start, from_goal = structure.distances(start), structure.distances(goal)
-    shortest = from_start[goal]
+def _place_ice(plain: Labyrinth, rng: np.random.Generator) -> dict[str, Any]:
+    structure, from_goal = plain.structure, plain.cell_distances
+    # The ice covers the shortest routes, except the cells that the longer route chosen here needs.
+    longer = _shortest_route(structure, plain.start, _distances_when_longer(plain, rng), rng)
+    from_start, shortest = structure.distances(plain.start), from_goal[plain.start]
     on_shortest = {
         cell
         for cell in range(structure.cells)
         if from_start[cell] != UNREACHABLE and from_start[cell] + from_goal[cell] == shortest
     }
-    closed = _closed_until_longer(structure, start, goal, rng)
-    # The ice covers the shortest routes, except the cells that the longer route chosen here needs.
-    longer = _shortest_route(structure, start, structure.distances(goal, closed), rng)
     return {"ice": frozenset(on_shortest.difference(longer))}
 
 
-def _closed_until_longer(
-    structure: Structure, start: int, goal: int, rng: np.random.Generator
-) -> list[int]:
-    """Return cells of shortest routes whose closing makes the goal farther, but still reachable.
+def _distances_when_longer(plain: Labyrinth, rng: np.random.Generator) -> Sequence[int]:
+    """Return each cell's distance from the goal with some cells of shortest routes closed.
 
-    Each shortest route needs a closed cell. So the search takes a shortest route that is still
-    open, closes each of its cells in turn, and repeats this; a cell that did not help stays open
-    from then on. The search finds a solution whenever one exists, unless it gives up.
+    The goal is then farther from the start, but still reachable. Each shortest route needs a closed
+    cell. So the search takes a shortest route that is still open, closes each of its cells in turn,
+    and repeats this; a cell that did not help stays open from then on. The search finds a solution
+    whenever one exists, unless it gives up.
 
     Raises:
         LabyrinthError: No such cells exist, or none were found in `ICE_SEARCH` steps.
     """
-    shortest = structure.distances(goal)[start]
+    structure, start, goal = plain.structure, plain.start, plain.goal
+    distance, shortest = plain.cell_distances, plain.cell_distances[start]
     searches = max(20, ICE_SEARCH // structure.cells)
     closed: list[int] = []
     choices: list[list[int]] = []
     open_for_good: list[set[int]] = [{start, goal}]
     while searches:
-        distance = structure.distances(goal, closed)
+        if closed:
+            distance = structure.distances(goal, closed)
         searches -= 1
         if distance[start] > shortest:
-            return closed
+            return distance
         if distance[start] == UNREACHABLE:
             open_for_good[-1].add(closed.pop())
         else:
             route = _shortest_route(structure, start, distance, rng)
             choices.append([route[place] for place in rng.permutation(len(route))])
             open_for_good.append(set(open_for_good[-1]))
-        while choices and not set(choices[-1]) - open_for_good[-1]:
+        while choices and open_for_good[-1].issuperset(choices[-1]):
             choices.pop()
             open_for_good.pop()
             if closed:
@@ -157,7 +147,7 @@ def _closed_until_longer(
 
 
 def _shortest_route(
-    structure: Structure, start: int, distance: list[int], rng: np.random.Generator
+    structure: Structure, start: int, distance: Sequence[int], rng: np.random.Generator
 ) -> list[int]:
     """Return the cells of a shortest route, given the distance of each cell from the goal."""
     route = [start]
@@ -184,7 +174,7 @@ class Placement(NamedTuple):
     """How the tiles of a task are placed."""
 
     place: Callable[..., dict[str, Any]]
-    """Returns the tiles as fields of `Labyrinth`, given structure, start, goal, a generator and
+    """Returns the tiles as fields of `Labyrinth`, given the labyrinth without them, a generator and
     the cells of single tiles that are not to be chosen; raises LabyrinthError if there is no place
     for them."""
     matter: Callable[[Labyrinth], bool]
@@ -228,8 +218,8 @@ class Placer(NamedTuple):
         """
         if not task.rules.tiles:
             return Labyrinth(structure, start, goal, task, look=look)
-        Labyrinth(structure, start, goal)  # Raises if start, goal or the route between is invalid.
-        tiles = PLACEMENTS[task].place(structure, start, goal, self.rng, **cells)
+        plain = Labyrinth(structure, start, goal)  # Raises if no route leads from start to goal.
+        tiles = PLACEMENTS[task].place(plain, self.rng, **cells)
         return Labyrinth(structure, start, goal, task, look=look, **tiles)
 
     def any_ends(self, structure: Structure, task: Task) -> Labyrinth:

@@ -149,16 +149,16 @@ def scaling() -> Iterator[Planned]:
         for goals in GOALS:
             for labyrinths in POINTS:
                 yield scaled("bc", goals, labyrinths, steps, 0)
-    for seed in (1, 2):
-        for goals in GOALS:
-            for labyrinths in POINTS:
-                yield scaled("bc", goals, labyrinths, 50_000, seed)
+        for method in ("dagger", "iupe"):
+            for labyrinths in POINTS[:4]:
+                yield scaled(method, "fixed", labyrinths, steps, 0)
+        for seed in (1, 2):
+            for goals in GOALS:
+                for labyrinths in POINTS:
+                    yield scaled("bc", goals, labyrinths, steps, seed)
     yield scaled("bc", "fixed", 10 * MANY, 50_000, 0)
-    for method in ("dagger", "iupe", "gail"):
-        for labyrinths in POINTS[:3]:
-            yield scaled(method, "fixed", labyrinths, 50_000, 0)
-    for method in ("dagger", "iupe"):
-        yield scaled(method, "fixed", FRESH, 50_000, 0)
+    for labyrinths in POINTS[:3]:
+        yield scaled("gail", "fixed", labyrinths, 50_000, 0)
 
 
 def scaled(method: str, goals: str, labyrinths: int | str, steps: int, seed: int) -> Planned:

@@ -9,7 +9,7 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table, mistaken
 
-from labyrinth_core.evaluation.baselines import TrainMemory, random_figures
+from labyrinth_core.evaluation.baselines import TrainMemory, _before, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import Episodes, follow, follow_route, success_rate
 from labyrinth_core.evaluation.scores import Scores, score
@@ -120,6 +120,16 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
     assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
+
+
+def test_probabilities_are_added_up_in_the_order_of_the_moves():
+    rng = np.random.default_rng(0)
+    sources, targets = rng.integers(50, size=(2, 300))
+    alive = rng.random(50)
+    total = np.zeros(50)
+    for row in _before(sources, targets, 50):
+        total += np.append(alive, 0.0)[row]
+    assert (total == np.bincount(targets, alive[sources], 50)).all()
 
 
 def test_the_other_baselines_are_what_they_say(datasets):

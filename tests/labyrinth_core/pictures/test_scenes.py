@@ -9,16 +9,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
+from labyrinth_core.pictures.backdrops import Backdrops
 from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
-from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures.scenes import KeptScenes, draw
+from labyrinth_core.world.batch import Labyrinths
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Look, State, Task
 from labyrinth_core.world.structure import Structure
 from labyrinth_core.world.tasks import sample_labyrinth
 
 looks = st.sampled_from(Look)
+DRAW = Backdrops.draw
 image_sizes = st.integers(1, 130) | st.sampled_from([224, 299, 401, 600])
 
 
@@ -67,6 +70,30 @@ def test_many_pictures_are_those_of_each_labyrinth_alone(task):
     each = [[(own, own.state_at(number)) for number in range(16)] for own in sampled]
     several = draw([view for views in each for view in views], 120)
     np.testing.assert_array_equal(several, np.concatenate([draw(views, 120) for views in each]))
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
+def test_kept_scenes_show_any_states_in_one_go(task, monkeypatch):
+    rng = np.random.default_rng(0)
+    sampled = [sample_labyrinth(4, 4, task, rng) for _ in range(5)]
+    parts = []
+    monkeypatch.setattr("labyrinth_core.pictures.backdrops.SUMS_BYTES", 2**17)
+    monkeypatch.setattr(
+        Backdrops, "draw", lambda self, *given: parts.append(self) or DRAW(self, *given)
+    )
+    which = rng.integers(len(sampled), size=40)
+    states = rng.integers(sampled[0].state_count, size=len(which))
+    seen = KeptScenes(Labyrinths.of(sampled), 30).draw(which, states)
+    assert len(parts) == 1
+    views = zip([sampled[each] for each in which], states.tolist(), strict=True)
+    assert_plain(seen, [(labyrinth, labyrinth.state_at(state)) for labyrinth, state in views])
+
+
+@pytest.mark.parametrize("task", [Task.NAVIGATION, Task.KEY_AND_DOOR])
+def test_the_memory_of_kept_scenes_is_known_before_they_are_drawn(task):
+    some = Labyrinths.of([sample_labyrinth(5, 5, task, np.random.default_rng(0))] * 2)
+    drawn = vars(KeptScenes(some, 64)._backdrops)
+    assert KeptScenes.memory_of(some, 64) == drawn["_sums"].nbytes + drawn["_colours"].nbytes
 
 
 @given(labyrinths(), st.integers(1, 600), st.data())
