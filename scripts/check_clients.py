@@ -36,7 +36,7 @@ sys.path[:0] = [str(ROOT), str(ROOT / "tests")]
 from hub.local_hub import LocalHub  # noqa: E402
 
 from labyrinth_core import load_episodes  # noqa: E402
-from labyrinth_core.data.manifest import TABLE  # noqa: E402
+from labyrinth_core.data.manifest import Manifest  # noqa: E402
 
 TORCH = "torch==2.13.0"
 CONFIG, SPLITS, FORMATS = "5x5", ("train", "random"), ("minari", "imitation", "lerobot")
@@ -118,7 +118,7 @@ def make(folder: Path, hub: LocalHub) -> None:
         command = [*common, *release, *more, f"export.folder={folder / 'exports'}"]
         subprocess.run(command, check=True, env=os.environ | hub.env("write"))
     done.parent.mkdir(exist_ok=True)
-    rows = pq.read_table(data / CONFIG / TABLE).to_pylist()
+    rows = pq.read_table(data / CONFIG / Manifest.TABLE).to_pylist()
     table = json.dumps([[*row.values()] for row in rows])
     (done.parent / "labyrinths.json").write_text(table, encoding="utf-8")
     for split in SPLITS:

@@ -136,7 +136,7 @@ class Tree:
         for name, options in TRAININGS.items():
             runs = f"work/trained/{name}"
             self.run(f"stages=train size=5 {options} data_dir=data/parts run_dir={runs} threads=1")
-            (policy,) = (self.folder / runs).glob("5x5/*/*l*.safetensors")
+            (policy,) = (self.folder / runs).glob("5x5/*/*.safetensors")
             shutil.copy(policy, weights / f"{name}.safetensors")
 
     def _evaluate(self) -> None:

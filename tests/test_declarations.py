@@ -20,9 +20,9 @@ from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
 from labyrinth_core import Dataset
-from labyrinth_core.data.format import COLUMNS, NUMBERS, OTHERS
+from labyrinth_core.data.format import COLUMNS, OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env.observation import PLAYED
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
@@ -104,14 +104,18 @@ def test_a_task_says_what_it_needs_and_how_it_is_placed(task: Task) -> None:
 # A column.
 
 
-@pytest.mark.parametrize("place", range(len(NUMBERS)), ids=[each.name for each in NUMBERS])
+@pytest.mark.parametrize(
+    "place", range(len(COLUMNS.numbers)), ids=[each.name for each in COLUMNS.numbers]
+)
 def test_a_column_of_numbers_is_in_the_fingerprint(place: int) -> None:
     rng = np.random.default_rng(0)
     labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, rng)
     episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
     rows = [row for part in render("train", 0, "", [episode]) for row in part]
     numbers = list(rows[1].numbers)
-    numbers[place] = not numbers[place] if NUMBERS[place].type == "bool" else numbers[place] + 1
+    numbers[place] = (
+        not numbers[place] if COLUMNS.numbers[place].type == "bool" else numbers[place] + 1
+    )
     found = set()
     for some in (rows, [rows[0], rows[1]._replace(numbers=tuple(numbers)), *rows[2:]]):
         fingerprint = Fingerprint()
@@ -128,7 +132,7 @@ def test_a_column_of_numbers_is_loaded(small_dataset: Run) -> None:
         assert [len(each) for each in states] == [len(each) + 1 for each in episodes]
         acting = np.concatenate([each[:-1] for each in states])
         assert np.array_equal(loaded.columns[column.name], acting)
-    assert {column.name for column in COLUMNS} - {column.name for column in NUMBERS} == {
+    assert {column.name for column in COLUMNS} - {column.name for column in COLUMNS.numbers} == {
         "obs",
         "info",
     }
@@ -145,9 +149,8 @@ def left(episode):
 
 column = format.Column.of("steps_to_goal", "int32", "least moves to the goal", left)
 *others, info = format.COLUMNS
-format.COLUMNS = (*others, column, info)
-format.NUMBERS, format.OTHERS = (*format.NUMBERS, column), (column,)
-format.arrow_schema.__defaults__ = (format.COLUMNS,)
+format.COLUMNS = format.Columns((*others, column, info))
+format.OTHERS = (column,)
 
 from labyrinth_core import Dataset, load_episodes, load_transitions, stream_episodes
 from pipeline.__main__ import main
@@ -215,10 +218,10 @@ def test_an_observation_is_that_of_one_environment_and_of_many(kind: str) -> Non
 
 
 def test_a_shift_says_how_its_structures_are_made() -> None:
-    own = {name for name in SHIFTS if SPLITS[name].parent is None}
+    own = {name for name in SPLITS.shifts if SPLITS[name].parent is None}
     assert own == SELECTED_SHIFTS.keys()
     assert {name for name, split in SPLITS.items() if split.new_structure} == NEW_STRUCTURES.keys()
     numbers = [split.number for split in SPLITS.values()]
     assert sorted({*numbers}) == sorted(numbers)
     page = (ROOT / "docs" / "shifts.md").read_text("utf-8")
-    assert all(f"`{name}`" in page for name in SHIFTS)
+    assert all(f"`{name}`" in page for name in SPLITS.shifts)

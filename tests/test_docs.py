@@ -17,7 +17,7 @@ import yaml
 import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.rules import Task
@@ -54,7 +54,7 @@ def table(heading: str, text: str) -> dict[str, str]:
 
 ROWS = {
     "column": {column.name: column.meaning for column in COLUMNS},
-    "split": {split: SPLITS[split].meaning for split in BASE_SPLITS},
+    "split": {split: SPLITS[split].meaning for split in SPLITS.base},
 }
 DESCRIBED = {
     name: f"`{DEFAULTS[name]}` | {meaning}" if DEFAULTS[name] else f"| {meaning}"
@@ -79,8 +79,8 @@ def test_the_tables_of_a_document_say_what_the_code_says(document):
 
 def test_the_page_on_shifts_explains_every_shift():
     text = (ROOT / "docs" / "shifts.md").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line.startswith("| `")][: len(SHIFTS)]
-    parents = {shift: SPLITS[shift].parent for shift in SHIFTS}
+    rows = [line for line in text.splitlines() if line.startswith("| `")][: len(SPLITS.shifts)]
+    parents = {shift: SPLITS[shift].parent for shift in SPLITS.shifts}
     assert rows == [
         f"| `{shift}` | {SPLITS[shift].meaning} | {f'`{parent}` |' if parent else '|'}"
         for shift, parent in parents.items()

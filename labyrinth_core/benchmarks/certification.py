@@ -317,6 +317,6 @@ def _look_at_chunk(protocol: Protocol, compared: frozenset[int], seeds: tuple[in
         seen = [*look(protocol, stage, seeds, ranges, compared)]
         fine = next((each for each in seen if not each.error), None)
         if fine is not None and len(seeds) > 1:
-            again = fine, *look(protocol, stage, [fine.seed])
+            again = fine, next(look(protocol, stage, [fine.seed]))
     stage.close()
     return _Chunk(seen, again, ranges.first, ranges.low, ranges.high)

@@ -194,7 +194,6 @@ def _shown(value: Any) -> str:
 
 
 def _shortened(text: str, value: Any) -> str:
-    text = " ".join(text.split())
     if len(text) <= SHOWN_LETTERS:
         return text
     return f"{text[:SHOWN_LETTERS]}... digest {digest(encode(value)):016x}"

@@ -121,22 +121,10 @@ def _play(
 ) -> Played:
     """Play one episode in a new environment: of a route if there are any, else of the policy."""
     route = None if routes is None else routes.get(seed, ())
-    stage = Stage(protocol)
-    try:
-        return _episode(stage.ready(), seed, policy, route, draw)
-    except EnvironmentFailure as error:
-        raise CertifyError(f"seed {seed}: the environment or the policy fails: {error}") from error
-    finally:
-        stage.close()
-
-
-def _episode(
-    env: Any, seed: int, policy: Policy | None, route: Sequence[Any] | None, draw: Draw | None
-) -> Played:
     rng = np.random.default_rng(seed)
     taken: list[Any] = []
-    observation = called(lambda: env.reset(seed=seed)[0])
-    first, vector = encode(observation), _numbers(observation)
+    total = 0.0
+    stage = Stage(protocol)
 
     def actions() -> Iterator[Any]:
         for step in range(LONGEST if route is None else len(route)):
@@ -149,9 +137,16 @@ def _episode(
             taken.append(copy.deepcopy(action))
             yield action
 
-    total = 0.0
-    for observation, reward, *_ in steps_of(env, actions()):  # noqa: B007  `actions` reads it.
-        total += called(float, reward)
+    try:
+        env = stage.ready()
+        observation = called(lambda: env.reset(seed=seed)[0])
+        first, vector = encode(observation), _numbers(observation)
+        for observation, reward, *_ in steps_of(env, actions()):  # noqa: B007  `actions` reads it.
+            total += called(float, reward)
+    except EnvironmentFailure as error:
+        raise CertifyError(f"seed {seed}: the environment or the policy fails: {error}") from error
+    finally:
+        stage.close()
     return Played(first, vector, tuple(taken), total)
 
 

@@ -21,8 +21,6 @@ from labyrinth_core.data.episodes import WholeEpisodes, grouped
 from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.location import download, explained, local_folder
 from labyrinth_core.data.manifest import (
-    MANIFEST,
-    TABLE,
     Manifest,
     Shard,
     replaced,
@@ -252,11 +250,11 @@ class Source:
 
     def table_groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
         """Yield the row groups of the table of labyrinths; see `manifest.table_groups`."""
-        return table_groups(self.locate([TABLE]), self.manifest, columns)
+        return table_groups(self.locate([Manifest.TABLE]), self.manifest, columns)
 
     def check_table(self) -> None:
         """Raise DatasetError if the table of labyrinths is missing or damaged."""
-        with table_file(self.locate([TABLE]), self.manifest):
+        with table_file(self.locate([Manifest.TABLE]), self.manifest):
             pass  # Opening it checks it.
 
     def require_unchanged(self) -> None:
@@ -266,7 +264,7 @@ class Source:
         the Hub is of one commit, which does not change.
         """
         folder = self.local
-        if folder is None or not (folder / MANIFEST).is_file():
+        if folder is None or not (folder / Manifest.FILE).is_file():
             return
         if Manifest.read(folder).fingerprint != self.manifest.fingerprint:
             raise replaced(folder)
@@ -290,7 +288,9 @@ class Query:
     @cached_property
     def spans(self) -> Spans:
         """The rows of the requested labyrinths; see `select`."""
-        return select(self.dataset.locate([TABLE]), self.dataset.manifest, self.split, self.steps)
+        return select(
+            self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split, self.steps
+        )
 
     def part(self, *, in_place: bool = False) -> Part:
         """Return the split or part; only the shards that it needs are downloaded from the Hub.

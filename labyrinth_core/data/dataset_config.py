@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, get_args, get_type_hints
 
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
@@ -77,7 +77,7 @@ class DatasetConfig:
     min_walls: int = field(default=1, metadata={"name": "splits.min_walls"})
     """Structures of different splits differ in at least this many walls."""
     shifts: tuple[str, ...] = ()
-    """The splits besides the six that every dataset has, in the order of `SHIFTS`."""
+    """The splits besides the six that every dataset has, in the order of `SPLITS.shifts`."""
     noise: float = _option(
         lambda p: 0 <= p < 1,
         "give a probability from 0 to below 1",
@@ -110,10 +110,10 @@ class DatasetConfig:
                 f"{self.given('min_walls')}: give 1 to {passages}, the most walls that "
                 f"{size} can have"
             )
-        if self.shifts != tuple(name for name in SHIFTS if name in self.shifts):
+        if self.shifts != tuple(name for name in SPLITS.shifts if name in self.shifts):
             raise ValueError(
-                f"{self.given('shifts')}: choose from [{', '.join(SHIFTS)}], each once and in "
-                "this order"
+                f"{self.given('shifts')}: choose from [{', '.join(SPLITS.shifts)}], each once and "
+                "in this order"
             )
         for name in self.shifts:
             if reason := self.why_no(name):
@@ -132,7 +132,7 @@ class DatasetConfig:
         if name == "buckets":
             return " ".join(
                 f"buckets.{split}={share}"
-                for split, share in zip(SAMPLED_SPLITS, value, strict=True)
+                for split, share in zip(SPLITS.sampled, value, strict=True)
             )
         shown = f"[{','.join(value)}]" if isinstance(value, tuple) else value
         return f"{_COMMAND_LINE[name]}={shown}"
@@ -159,7 +159,7 @@ class DatasetConfig:
     @property
     def splits(self) -> tuple[str, ...]:
         """The names of all splits, in order."""
-        return BASE_SPLITS + self.shifts
+        return SPLITS.base + self.shifts
 
     @property
     def name(self) -> str:

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Query, Source
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
-from labyrinth_core.data.splits import BASE_SPLITS, is_of_train
+from labyrinth_core.data.splits import SPLITS, is_of_train
 from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -146,7 +146,7 @@ class Dataset(Source):
         """
         if count is None or not is_of_train(split):
             return self[split]
-        if split in BASE_SPLITS:  # One labyrinth for each of train.
+        if split in SPLITS.base:  # One labyrinth for each of train.
             return self[split].filter(labyrinths=count)
         from pyarrow.compute import field
 
@@ -395,7 +395,7 @@ class Selection(Query):
     @cached_property
     def _episodes(self) -> NDArray[np.int64]:
         """The number of episodes of each labyrinth."""
-        place = self.dataset.locate([TABLE]), self.dataset.manifest, self.split
+        place = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
         (counts,) = chosen(*place, self.steps, ["episodes"])
         if ((counts < 1) | (counts > self.spans[1])).any():
             raise unlike_shards(self.split)

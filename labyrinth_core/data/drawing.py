@@ -7,9 +7,10 @@ seed would hold, without building it.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import count, islice
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -26,13 +27,6 @@ from labyrinth_core.world.tasks import (
     Placer,
     default_start_and_goal,
 )
-
-CELLS_PER_CHUNK = 1_638_400, 204_800
-"""The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
-
-PATIENCE = 300_000
-"""The number of candidates without success after which the sampler gives up."""
-
 
 _PLACING, _ACTING, _DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
@@ -51,10 +45,16 @@ class Solution(NamedTuple):
         return self.episodes[0].labyrinth
 
 
-class Drawing(NamedTuple):
+@dataclass(frozen=True)
+class Drawing:
     """The random choices of a dataset, which follow from its config."""
 
     config: DatasetConfig
+
+    CELLS_PER_CHUNK: ClassVar = 1_638_400, 204_800
+    """The cells of all candidates in the first chunk and in any other: 65,536 and 8,192 at 5x5."""
+    PATIENCE: ClassVar = 300_000
+    """The number of candidates without success after which the sampler gives up."""
 
     def rng(self, split: str, structure: Structure) -> np.random.Generator:
         """Return the generator that places start, goal and tiles of a structure in a split."""
@@ -141,13 +141,13 @@ class Drawing(NamedTuple):
             split: train, validation or test.
         """
         config = self.config
-        sizes = [max(1, each // (config.height * config.width)) for each in CELLS_PER_CHUNK]
+        sizes = [max(1, each // (config.height * config.width)) for each in self.CELLS_PER_CHUNK]
         seen: set[str] = set()
         failed = 0
         for number in count():
             for structure, found in islice(self.candidates(number, split), sizes[number > 0]):
                 failed += 1
-                if failed > PATIENCE:
+                if failed > self.PATIENCE:
                     return
                 if found == split and structure.structure_id not in seen:
                     seen.add(structure.structure_id)

@@ -12,7 +12,7 @@ from posixpath import normpath
 
 from labyrinth_core.data.dataset_config import CONFIG_NAME
 from labyrinth_core.data.errors import DatasetError, readable
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, folder_at
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
@@ -41,8 +41,8 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
             raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
         with readable(source):
             has_episodes = _has_episodes(folder / config)
-            is_inside = not has_episodes and (folder / MANIFEST).is_file()
-            there = [] if has_episodes else [*map(str, folder.glob(f"*/{MANIFEST}"))]
+            is_inside = not has_episodes and (folder / Manifest.FILE).is_file()
+            there = [] if has_episodes else [*map(str, folder.glob(f"*/{Manifest.FILE}"))]
         if is_inside:
             raise DatasetError(
                 f"{source} is the folder of the config {folder.name}: give the folder that "
@@ -88,15 +88,17 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
         return download(source, "dataset", commit, paths) / config
 
     with explained(source, commit):
-        folder = downloaded([MANIFEST])
+        folder = downloaded([Manifest.FILE])
         if not _has_episodes(folder):
             there = repeated(
                 lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
             )
-            if f"{config}/{MANIFEST}" in there:
-                raise DatasetError(f"{source}: the Hub lists {config}/{MANIFEST} but has it not")
+            if f"{config}/{Manifest.FILE}" in there:
+                raise DatasetError(
+                    f"{source}: the Hub lists {config}/{Manifest.FILE} but has it not"
+                )
             raise _no_config(source, config, (path for path in there if path.count("/") == 1))
-        require_whole(folder / MANIFEST)
+        require_whole(folder / Manifest.FILE)
     if files:
         shards = [shard.path for shard in Manifest.read(folder).shards]
         named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
@@ -130,11 +132,11 @@ def why_unavailable(source: str, error: Exception) -> str:
 
 
 def _has_episodes(folder: AnyPath) -> bool:
-    return (folder / MANIFEST).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
+    return (folder / Manifest.FILE).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
 
 
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
-    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{MANIFEST}"))
+    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{Manifest.FILE}"))
     held = sorted(filter(CONFIG_NAME.fullmatch, names))
-    none = f"no dataset: it has no {MANIFEST}, which `push_to_hub` of `datasets` leaves out"
+    none = f"no dataset: it has no {Manifest.FILE}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -19,7 +19,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import asdict, dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_type_hints
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
@@ -35,15 +35,6 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet
 
-MANIFEST = "manifest.json"
-ANALYSIS = "analysis.json"
-"""The file of the stage `analyse`, in the same folder."""
-TABLE = "labyrinths.parquet"
-"""The name of the table of labyrinths, in the same folder; it has one row for each labyrinth.
-
-The rows are in the order of the splits and of their rows; `format.TABLE_COLUMNS` are the columns.
-On the Hub the table is a config of its own, such as `5x5-labyrinths`.
-"""
 MOST = 10**15
 """The largest count that a manifest may hold."""
 MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
@@ -128,6 +119,16 @@ def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, A
 class Manifest:
     """The description of a finished dataset."""
 
+    FILE: ClassVar[str] = "manifest.json"
+    ANALYSIS: ClassVar[str] = "analysis.json"
+    """The file of the stage `analyse`, in the same folder."""
+    TABLE: ClassVar[str] = "labyrinths.parquet"
+    """The table of labyrinths, in the same folder; it has one row for each labyrinth.
+
+    The rows are in the order of the splits and of their rows; `format.TABLE_COLUMNS` are the
+    columns. On the Hub the table is a config of its own, such as `5x5-labyrinths`.
+    """
+
     config: DatasetConfig
     versions: Mapping[str, str]
     """Library -> version; other versions may compress the same rows differently."""
@@ -191,7 +192,7 @@ class Manifest:
         }
         if self.labyrinths is not None:
             content["labyrinths"] = asdict(self.labyrinths)
-        File(folder / MANIFEST).write_text(json.dumps(content, indent=2) + "\n")
+        File(folder / Manifest.FILE).write_text(json.dumps(content, indent=2) + "\n")
 
     @classmethod
     def read(cls, folder: AnyPath, *, renamed: bool = False, companion: str = "") -> Manifest:
@@ -206,7 +207,7 @@ class Manifest:
         Raises:
             DatasetError: The manifest is missing or malformed, or of a dataset of another name.
         """
-        path = folder / MANIFEST
+        path = folder / Manifest.FILE
         try:
             content = File(path).read_json()
             _require(content, {"format": object})
@@ -224,7 +225,7 @@ class Manifest:
                 if content.get("fingerprint") != found.fingerprint:
                     raise ValueError("its fingerprint is not that of its shards")
         except (FileNotFoundError, NotADirectoryError) as error:
-            raise DatasetError(f"{folder} holds no finished dataset: no {MANIFEST}") from error
+            raise DatasetError(f"{folder} holds no finished dataset: no {Manifest.FILE}") from error
         except OSError as error:
             raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         except (ValueError, RecursionError) as error:
@@ -283,7 +284,7 @@ def _lists(folder: AnyPath, file: Shard | TableFile) -> bool:
     try:
         manifest = Manifest.read(folder, renamed=True)
     except DatasetError:
-        return (folder / MANIFEST).is_file()
+        return (folder / Manifest.FILE).is_file()
     return file in (*manifest.shards, manifest.labyrinths)
 
 
@@ -312,7 +313,7 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.
     Raises:
         DatasetError: The table is missing or damaged, or the caller cannot read it.
     """
-    path = folder / TABLE
+    path = folder / Manifest.TABLE
     with unless_replaced(folder, manifest.table), ExitStack() as stack:
         with readable(path):
             local = stack.enter_context(File(path).local_copy())
@@ -367,7 +368,7 @@ def table_groups(
     """
     with table_file(folder, manifest) as file:
         for group in range(file.num_row_groups):
-            with readable(folder / TABLE):
+            with readable(folder / Manifest.TABLE):
                 table = file.read_row_group(group, columns)
             yield decoded(table)
 
@@ -387,6 +388,8 @@ def decoded(table: pa.Table) -> pa.Table:
                 pc.max(pc.binary_length(chunk.dictionary)).as_py() for chunk in column.chunks
             )
             if max((length or 0 for length in lengths), default=0) > MOST_TEXT:
-                raise DatasetError(f"{TABLE} {name}: a text has more than {MOST_TEXT} bytes")
+                raise DatasetError(
+                    f"{Manifest.TABLE} {name}: a text has more than {MOST_TEXT} bytes"
+                )
             table = table.set_column(place, name, column.cast(pa.string()))
     return table

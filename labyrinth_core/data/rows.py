@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
-from labyrinth_core.data.format import GROUP_BYTES, NUMBERS, OTHERS, open_encoded
+from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, OTHERS, open_encoded
 from labyrinth_core.data.manifest import Shard, mended, unless_replaced
 from labyrinth_core.data.storage import AnyPath, File, RemotePath
 
@@ -36,7 +36,7 @@ ENCODED = ("info", "obs.bytes", "obs.path")
 
 _KINDS = {"i": int, "f": float, "b": bool}
 
-TYPES = {each.name: _KINDS[each.dtype.kind] for each in NUMBERS} | {"info": str}
+TYPES = {each.name: _KINDS[each.dtype.kind] for each in COLUMNS.numbers} | {"info": str}
 """Column -> type of its values; pictures are left out."""
 
 TOGETHER = 64
@@ -282,7 +282,7 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
 
     types = pa.types
     kinds_of = {int: types.is_integer, float: types.is_floating, bool: types.is_boolean}
-    kinds = {each.name: kinds_of[TYPES[each.name]] for each in NUMBERS} | {
+    kinds = {each.name: kinds_of[TYPES[each.name]] for each in COLUMNS.numbers} | {
         "info": lambda each: types.is_string(each) or types.is_large_string(each)
     }
     columns = {}

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard, table_groups
+from labyrinth_core.data.manifest import Manifest, Shard, table_groups
 from labyrinth_core.data.storage import AnyPath
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def select(folder: AnyPath, manifest: Manifest, split: str, steps: Sequence[Step
 
 def unlike_shards(split: str) -> DatasetError:
     """Return the error for a table of labyrinths that does not match the shards of a split."""
-    return DatasetError(f"{TABLE} does not match the shards of split={split}")
+    return DatasetError(f"{Manifest.TABLE} does not match the shards of split={split}")
 
 
 def chosen(
@@ -102,7 +102,8 @@ def chosen(
             except pa.ArrowException as error:
                 reason = str(error).partition(" in ")[0].partition("\n")[0]
                 raise ValueError(
-                    f"where={where}: {reason}; the columns of {TABLE} are {', '.join(names)}"
+                    f"where={where}: {reason}; the columns of {Manifest.TABLE} are "
+                    f"{', '.join(names)}"
                 ) from error
             if not len(table):
                 raise ValueError(f"where={where}: {of} has no such labyrinth")

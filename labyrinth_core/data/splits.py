@@ -77,98 +77,110 @@ _ALL_LOOPS = Refusal(
 )
 _THIN = Refusal("wall_pixels", lambda pixels: pixels == 1, "walls are one pixel thick already")
 
-SAMPLED_SPLITS = ("train", "validation", "test")
-"""The splits that every dataset samples structures for."""
 
-BASE_SPLITS = (*SAMPLED_SPLITS, "random", "s0", "s0_and_g")
-"""The splits that every dataset has."""
+class Splits(dict[str, Split]):
+    """Split by name."""
 
-SPLITS = {
-    "train": Split(0, "demonstrations to learn from", "train"),
-    "validation": Split(1, "other structures, to choose a model with", "validation"),
-    "test": Split(2, "other structures again, to judge it on", "test"),
-    "random": Split(3, "a uniformly random policy on the structures of train", "train", "train"),
-    "s0": Split(4, "the structures of train with another start", "train", "train", new_start=True),
-    "s0_and_g": Split(
-        5,
-        "the structures of train with another start and another goal",
-        "train",
-        "train",
-        new_start=True,
-        new_goal=True,
-    ),
-    "g": Split(6, "the structures of train with another goal", "train", "train", new_goal=True),
-    "test_s0": Split(
-        7,
-        "the structures of test with another start",
-        "test",
-        "test",
-        new_start=True,
-        refusals=(_VARIED_GOALS,),
-    ),
-    "test_g": Split(
-        8,
-        "the structures of test with another goal",
-        "test",
-        "test",
-        new_goal=True,
-        refusals=(_VARIED_GOALS,),
-    ),
-    "test_s0_and_g": Split(
-        9,
-        "the structures of test with another start and another goal",
-        "test",
-        "test",
-        new_start=True,
-        new_goal=True,
-        refusals=(_VARIED_GOALS,),
-    ),
-    "one_wall": Split(
-        10,
-        "labyrinths of train with one wall opened or shut, so that the demonstrated route is "
-        "blocked or no longer shortest",
-        "test",
-        "train",
-        new_structure=True,
-        refusals=(_FAR_APART, _NOISE),
-    ),
-    "longer": Split(11, "routes longer than the longest of train, on other structures", "test"),
-    "trees": Split(
-        12, "other structures, without loops", "test", refusals=(_NEEDS_LOOPS, _NO_LOOPS)
-    ),
-    "open": Split(
-        13,
-        "other structures, each with more loops than any of train",
-        "test",
-        refusals=(_ALL_LOOPS,),
-    ),
-    "wilson": _sampled_by(14, "wilson"),
-    "depth_first": _sampled_by(15, "depth_first"),
-    "kruskal": _sampled_by(16, "kruskal"),
-    "prim": _sampled_by(17, "prim"),
-    "recoloured": Split(
-        18,
-        "the labyrinths and routes of test in other colours",
-        "test",
-        "test",
-        look=Look.RECOLOURED,
-    ),
-    "thin_walls": Split(
-        19,
-        "the labyrinths and routes of test with thin walls",
-        "test",
-        "test",
-        look=Look.THIN_WALLS,
-        refusals=(_THIN,),
-    ),
-    "test_new_routes": Split(
-        20, "other structures, none with an optimal route that train demonstrates", "test"
-    ),
-}
-"""Name -> split."""
+    sampled = ("train", "validation", "test")
+    """The splits that every dataset samples structures for."""
+    base = (*sampled, "random", "s0", "s0_and_g")
+    """The splits that every dataset has."""
 
-SHIFTS = tuple(name for name in SPLITS if name not in BASE_SPLITS)
-"""The splits that a dataset may add, in the order in which a dataset has them."""
+    @property
+    def shifts(self) -> tuple[str, ...]:
+        """The splits that a dataset may add, in the order in which a dataset has them."""
+        return tuple(name for name in self if name not in self.base)
+
+
+SPLITS = Splits(
+    {
+        "train": Split(0, "demonstrations to learn from", "train"),
+        "validation": Split(1, "other structures, to choose a model with", "validation"),
+        "test": Split(2, "other structures again, to judge it on", "test"),
+        "random": Split(
+            3, "a uniformly random policy on the structures of train", "train", "train"
+        ),
+        "s0": Split(
+            4, "the structures of train with another start", "train", "train", new_start=True
+        ),
+        "s0_and_g": Split(
+            5,
+            "the structures of train with another start and another goal",
+            "train",
+            "train",
+            new_start=True,
+            new_goal=True,
+        ),
+        "g": Split(6, "the structures of train with another goal", "train", "train", new_goal=True),
+        "test_s0": Split(
+            7,
+            "the structures of test with another start",
+            "test",
+            "test",
+            new_start=True,
+            refusals=(_VARIED_GOALS,),
+        ),
+        "test_g": Split(
+            8,
+            "the structures of test with another goal",
+            "test",
+            "test",
+            new_goal=True,
+            refusals=(_VARIED_GOALS,),
+        ),
+        "test_s0_and_g": Split(
+            9,
+            "the structures of test with another start and another goal",
+            "test",
+            "test",
+            new_start=True,
+            new_goal=True,
+            refusals=(_VARIED_GOALS,),
+        ),
+        "one_wall": Split(
+            10,
+            "labyrinths of train with one wall opened or shut, so that the demonstrated route is "
+            "blocked or no longer shortest",
+            "test",
+            "train",
+            new_structure=True,
+            refusals=(_FAR_APART, _NOISE),
+        ),
+        "longer": Split(11, "routes longer than the longest of train, on other structures", "test"),
+        "trees": Split(
+            12, "other structures, without loops", "test", refusals=(_NEEDS_LOOPS, _NO_LOOPS)
+        ),
+        "open": Split(
+            13,
+            "other structures, each with more loops than any of train",
+            "test",
+            refusals=(_ALL_LOOPS,),
+        ),
+        "wilson": _sampled_by(14, "wilson"),
+        "depth_first": _sampled_by(15, "depth_first"),
+        "kruskal": _sampled_by(16, "kruskal"),
+        "prim": _sampled_by(17, "prim"),
+        "recoloured": Split(
+            18,
+            "the labyrinths and routes of test in other colours",
+            "test",
+            "test",
+            look=Look.RECOLOURED,
+        ),
+        "thin_walls": Split(
+            19,
+            "the labyrinths and routes of test with thin walls",
+            "test",
+            "test",
+            look=Look.THIN_WALLS,
+            refusals=(_THIN,),
+        ),
+        "test_new_routes": Split(
+            20, "other structures, none with an optimal route that train demonstrates", "test"
+        ),
+    }
+)
+"""Every split, by its name."""
 
 
 def is_of_train(split: str) -> bool:

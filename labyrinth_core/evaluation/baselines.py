@@ -150,7 +150,8 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
     penalty = RULES.step_penalty / arrays.cells
     goals = paid > 0
     distance = arrays.distance[arrays.labyrinth[last[goals]]]
-    alive = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
+    begun = np.bincount(arrays.initial, np.full(labyrinths, 1 / labyrinths), count)
+    alive = begun.astype(np.float64)  # Weighted counts are floats; NumPy declares whole numbers.
     moving, onto = np.zeros(count + 1), np.empty(count)
     solved = within = spl = mean = square = 0.0
     for step in range(arrays.step_limit):

@@ -87,9 +87,9 @@ def read_run(folder: Path) -> Record | None:
     return content
 
 
-def trained_run(record: Record, device: str = "cpu") -> TrainedRun:
+def trained_run(record: Mapping[str, Any], device: str = "cpu") -> TrainedRun:
     """Return a training run as results describe it; its policy runs on `device`."""
-    made: Mapping[str, Any] = record["run"]
+    made = record["run"]
     shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
     return TrainedRun(
         method=TrainedRun.title_of(made["method"]),

@@ -50,12 +50,17 @@ of Hydra itself.
 
 @cache
 def register() -> None:
-    """Register with Hydra the schema, the text of `--help`, and where configurations lie."""
+    """Register with Hydra the schema, and where configurations lie."""
     store = ConfigStore.instance()
     node = OmegaConf.structured(schema(ALL))
     node.method = {}
     OmegaConf.set_struct(node.method, False)  # A user's method has settings of its own.
     store.store(name="schema", node=node)
+    Plugins.instance().register(Folders)
+
+
+def help_text() -> str:
+    """Return the text of `--help`."""
     width = max(map(len, OPTIONS))
     wrapper = TextWrapper(80, subsequent_indent=" " * (width + 4), break_on_hyphens=False)
     lines = []
@@ -65,9 +70,7 @@ def register() -> None:
             default = f" [{DEFAULTS[name]}]" if DEFAULTS[name] else ""
             lines.append(wrapper.fill(f"  {name:{width}}  {meaning}{default}"))
         lines.append("")
-    help_text = _HELP.format(options="\n".join(lines))
-    store.store(group="hydra/help", name="options", node={"template": help_text})
-    Plugins.instance().register(Folders)
+    return _HELP.format(options="\n".join(lines))
 
 
 def schema(cls: type) -> type:

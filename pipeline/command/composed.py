@@ -5,7 +5,7 @@ Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, make_dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import folder_at
 from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.command.method import chosen_method
@@ -207,7 +207,7 @@ def as_file(config: DictConfig) -> str:
 
 
 def resolve(
-    options: Any, *, names_dataset: bool = False, composed: str = ""
+    options: Any, *, names_dataset: bool = False, composed: Callable[[], str] = str
 ) -> Mapping[str, Job[Any]]:
     """Check the options of a command line, and return the job of each stage that it requests.
 
@@ -229,7 +229,7 @@ def resolve(
     except ValueError as error:
         raise ConfigError(f"data_dir={error}") from error
     check(
-        not isinstance(data_dir, Path) or not (data_dir / MANIFEST).is_file(),
+        not isinstance(data_dir, Path) or not (data_dir / Manifest.FILE).is_file(),
         f"data_dir={options.data_dir} is the folder of one dataset: give the folder that holds it",
     )
     typed_dir = Path(options.data_dir) if options.data_dir.startswith("~") else data_dir

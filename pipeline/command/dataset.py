@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
@@ -74,8 +74,8 @@ class DatasetOptions:
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),
-        "extra splits, each with one thing shifted: all, or a list of " + ", ".join(SHIFTS),
-        one_of=(ALL_SHIFTS, *SHIFTS),
+        "extra splits, each with one thing shifted: all, or a list of " + ", ".join(SPLITS.shifts),
+        one_of=(ALL_SHIFTS, *SPLITS.shifts),
     )
     demonstrations: DemonstrationsConfig = DemonstrationsConfig()
     goals: str = option(
@@ -115,13 +115,15 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
 
 
 def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the requested shifts in the order of `SHIFTS`; `all` gives every possible one.
+    """Return the requested shifts in the order of `SPLITS.shifts`; `all` gives every possible one.
 
     Raises:
         ValueError: `all` is combined with others.
     """
     if named == (ALL_SHIFTS,):
-        return tuple(name for name in SHIFTS if config.why_no(name) is None)
+        return tuple(name for name in SPLITS.shifts if config.why_no(name) is None)
     if ALL_SHIFTS in named:
-        raise ValueError(f"shifts={listed(named)}: give all alone, or some of {listed(SHIFTS)}")
-    return tuple(name for name in SHIFTS if name in named)
+        raise ValueError(
+            f"shifts={listed(named)}: give all alone, or some of {listed(SPLITS.shifts)}"
+        )
+    return tuple(name for name in SPLITS.shifts if name in named)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,7 @@ from pipeline.command.command_line import (
     HYDRA,
     Folders,
     arranged,
+    help_text,
     parsed,
     refusal,
     register,
@@ -79,7 +81,6 @@ def run_command() -> int:
     # After an abrupt exit, joblib's resource tracker would warn about what it cleans up.
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
-    register()
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
     try:
         _launch()
@@ -105,6 +106,10 @@ def run_command() -> int:
 def _launch() -> None:
     """Let Hydra read the command line, and run `perform` or, for `--cfg job`, print its options."""
     given = parsed(sys.argv[1:])
+    if given.help and not given.hydra_help:  # Hydra would read every file of every group first.
+        print(help_text())
+        return
+    register()
     sys.argv[1:] = arranged(sys.argv[1:], given)
     own = given.config_dir and given.config_name
     Folders.first = str(Path(given.config_dir).absolute()) if own else None
@@ -156,7 +161,7 @@ def _outcome(config: DictConfig) -> float | None:
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
         say_once(f"No requested stage uses {'; '.join(users)}.")
     named = not {"size", "task"}.isdisjoint(typed)
-    jobs = resolve(options, names_dataset=named, composed=as_file(config))
+    jobs = resolve(options, names_dataset=named, composed=partial(as_file, config))
     modules = {stage: import_module(STAGES[stage].module) for stage in jobs}
     for stage, job in jobs.items():  # A later stage refuses before the first one begins.
         getattr(modules[stage], "refuse", lambda _: None)(job)

@@ -68,10 +68,13 @@ def as_given(config: DictConfig, overrides: Iterable[str]) -> DictConfig:
         config: The configuration that Hydra composed.
         overrides: The overrides that it was composed from, as Hydra kept them.
     """
+    given = [*overrides]
+    quoted = [*map(quote_texts, given)]
+    if quoted == given:
+        return config
     config = deepcopy(config)
     groups = {name.partition(".")[0] for name in KINDS if "." in name}
-    parser = OverridesParser.create()
-    for each in parser.parse_overrides([*map(quote_texts, overrides)]):
+    for each in OverridesParser.create().parse_overrides(quoted):
         name = each.key_or_group
         # `method=bc` and `export=minari` choose a file; `export={...}` has values.
         has_texts = KINDS.get(name, dict[str, Any]) != dict[str, Any] or (

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
@@ -35,8 +35,8 @@ class Job(Generic[Options]):
     """`data_dir` as results and records name it: as typed, so that a home folder stays `~`."""
     names_dataset: bool = False
     """Whether the command line gives `size` or `task`, so that the dataset has to exist."""
-    composed: str = ""
-    """All options of the command line, as the content of `CONFIG`; empty without a command line."""
+    composed: Callable[[], str] = str
+    """Returns all options of the command line, as the content of `CONFIG`; empty without one."""
     CONFIG: ClassVar[str] = "config.yaml"
     """The file beside what a stage made, with the options that it was made with."""
 
@@ -60,7 +60,7 @@ class Job(Generic[Options]):
 
     def require_dataset(self) -> None:
         """Raise a DatasetError if the dataset does not exist; the message says how to make it."""
-        if not (self.folder / MANIFEST).is_file():
+        if not (self.folder / Manifest.FILE).is_file():
             size = f"size={self.dataset.height}x{self.dataset.width} task={self.dataset.task}"
             command = f"labyrinth-datasets {size} {as_typed('data_dir', str(self.data_dir))}"
             raise DatasetError(f"{self.folder} holds no dataset: {command} makes it")
@@ -95,8 +95,8 @@ class Job(Generic[Options]):
 
     def write_config(self, folder: Path) -> None:
         """Write the options of the command line, if there is one, beside what they made."""
-        if self.composed:
-            File(folder / self.CONFIG).write_text(self.composed)
+        if content := self.composed():
+            File(folder / self.CONFIG).write_text(content)
 
 
 def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:

@@ -19,7 +19,6 @@ from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import RESULTS
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
-from labyrinth_core.policies.record import Record
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -52,8 +51,8 @@ class Named:
 def find_policy(job: Job[EvaluateOptions]) -> Named:
     """Return the policy of the option `policy`, or of the run that the other options describe.
 
-    The folder of a run stands for the run: its results are those of the run, unless an option
-    `evaluation.*` describes the policy in another way.
+    The folder of a run, under the run's name, stands for the run: its results are those of the
+    run, unless an option `evaluation.*` describes the policy in another way.
 
     Raises:
         ConfigError: The policy or the device does not exist, or an option is not allowed.
@@ -71,9 +70,11 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
     data = job.open_dataset()  # Its error says how to make a dataset that is missing.
     policy = opened(options.policy)
-    if getattr(policy, "run", None) is not None and not described_by(options.evaluation):
-        own = partial(Dataset, policy.run.dataset, policy.run.config, policy.run.revision)
-        return _of_run(job, Path(options.policy).expanduser(), data, own)
+    folder, run = Path(options.policy).expanduser(), getattr(policy, "run", None)
+    # Under another name it is a copy, such as a download, whose results lie in `run_dir`.
+    if run and folder.absolute().name == run.name and not described_by(options.evaluation):
+        trained_on = partial(Dataset, run.dataset, run.config, run.revision)
+        return _of_run(job, folder, data, trained_on)
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / RESULTS
@@ -127,7 +128,7 @@ def _of_run(
     folder: Path,
     data: Dataset,
     trained_on: Callable[[], Dataset],
-    record: Record | None = None,
+    record: Mapping[str, Any] | None = None,
 ) -> Named:
     """Return the policy of a run, with the place of its results in the folder of the run."""
     from pipeline.evaluation.trained import show

@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.opening import open_policy
-from labyrinth_core.policies.record import Record, read_run, trained_run
+from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions
@@ -30,7 +30,7 @@ from pipeline.training.identity import (
 )
 
 
-def require_run(job: Job[EvaluateOptions], folder: Path) -> Record:
+def require_run(job: Job[EvaluateOptions], folder: Path) -> Mapping[str, Any]:
     """Return the record of a finished run, which the options describe.
 
     Raises:
@@ -55,7 +55,7 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> Record:
 
 @usual_defaults()
 def show(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, record: Record | None = None
+    job: Job[EvaluateOptions], folder: Path, data: Dataset, record: Mapping[str, Any] | None = None
 ) -> tuple[Evaluation, dict[str, Any]]:
     """Return the policy of a run with a dataset, on the chosen device, and the run's key.
 

@@ -9,7 +9,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import TABLE
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
@@ -88,7 +88,7 @@ def splits_of(job: Job[ExportStageOptions]) -> list[Split]:
     data = job.open_dataset()
     names = data.splits
     asked.check_splits(names)
-    values, _ = front_matter.read(data.locate([TABLE, f"../{README}"]).parent / README)
+    values, _ = front_matter.read(data.locate([Manifest.TABLE, f"../{README}"]).parent / README)
     return [
         Split(
             data,

@@ -28,16 +28,14 @@ from rich.table import Table
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import CELLS_PER_CHUNK
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import (
-    MANIFEST,
-    TABLE,
     Manifest,
     Shard,
     TableFile,
 )
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -94,7 +92,7 @@ def build(
     job: Job[BuildOptions],
     *,
     cells_per_shard: int = CELLS_PER_SHARD,
-    cells_per_chunk: tuple[int, int] = CELLS_PER_CHUNK,
+    cells_per_chunk: tuple[int, int] = Drawing.CELLS_PER_CHUNK,
 ) -> Manifest | None:
     """Build as `run` does, without the summary, and return the manifest, or None for a part.
 
@@ -144,7 +142,7 @@ def _existing(job: Job[BuildOptions]) -> Dataset | None:
     an object store, where files are not replaced all at once, cannot grow.
     """
     folder = job.folder
-    if not (folder / MANIFEST).is_file():
+    if not (folder / Manifest.FILE).is_file():
         return None
     data = Dataset.at(folder, renamed=True)  # The message below names what differs.
     there, asked = data.manifest.config, job.dataset
@@ -162,7 +160,9 @@ def _existing(job: Job[BuildOptions]) -> Dataset | None:
             f"another data_dir{_what_refers_to(data.manifest, job)}"
         )
     if differing and same and not more and job.options.grow:
-        shifts = ",".join(shift for shift in SHIFTS if shift in {*there.shifts, *asked.shifts})
+        shifts = ",".join(
+            shift for shift in SPLITS.shifts if shift in {*there.shifts, *asked.shifts}
+        )
         raise DatasetError(
             f"{folder} holds a dataset with {differing}: to extend it, give all it is to have, "
             f"labyrinths={max(there.labyrinths, asked.labyrinths)} 'shifts=[{shifts}]'"
@@ -277,7 +277,7 @@ class Build:
         again = {
             shard.path: ShardThere(self.workplace.folder / shard.path, shard)
             for shard in manifest.shards
-            if shard.path in lacks or TABLE in lacks
+            if shard.path in lacks or Manifest.TABLE in lacks
         }
         self.workplace.begin(self.job.dataset)
         jobs = [
@@ -288,7 +288,7 @@ class Build:
         made = {shard.path for shard in self.made(jobs)}
         if missing := [name for name in again if name not in made]:
             raise DatasetError(not_as_it_was(folder / missing[0]))
-        if TABLE in lacks:
+        if Manifest.TABLE in lacks:
             self._tabulate(folder, jobs, manifest.labyrinths)
         say(f"{folder} is complete again; repaired: {', '.join(lacks)}.")
 
@@ -324,12 +324,12 @@ class Build:
             expected: The size and hash that the table must have, if known; another table raises a
                 DatasetError and is not written.
         """
-        with new_file(folder / TABLE, self.workplace.building) as path:
+        with new_file(folder / Manifest.TABLE, self.workplace.building) as path:
             sidecars = map(Sidecar.read, jobs)
             parts = ((sidecar.shard, sidecar.facts) for sidecar in sidecars)
             written = write_table(path, self.job.dataset, parts)
             if expected not in (None, written):
-                raise DatasetError(not_as_it_was(folder / TABLE))
+                raise DatasetError(not_as_it_was(folder / Manifest.TABLE))
             return written
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import CELLS_PER_CHUNK, Drawing
-from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.world.structure import Structure
 
@@ -28,7 +28,7 @@ UNFIT = -1
 
 Records = NDArray[np.void]
 """Structures of one size, shape (n,): the id of each as a number, the index of its split in
-`SAMPLED_SPLITS`, and its passages as bits."""
+`SPLITS.sampled`, and its passages as bits."""
 
 
 def record_type(config: DatasetConfig) -> np.dtype[np.void]:
@@ -66,7 +66,7 @@ class Chunk:
     def candidates(self) -> Iterator[tuple[Structure, int]]:
         """Yield the chunk's candidates, then others without end, each with its split's index."""
         for structure, split in Drawing(self.config).candidates(self.number):
-            yield structure, UNFIT if split is None else SAMPLED_SPLITS.index(split)
+            yield structure, UNFIT if split is None else SPLITS.sampled.index(split)
 
     def records(self) -> Records:
         """Draw the candidates of the chunk."""
@@ -103,7 +103,7 @@ class Candidates:
         config: DatasetConfig,
         draw: Callable[[Sequence[Chunk]], Iterable[Records]] | None = None,
         *,
-        cells: tuple[int, int] = CELLS_PER_CHUNK,
+        cells: tuple[int, int] = Drawing.CELLS_PER_CHUNK,
     ) -> None:
         """Prepare to draw.
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
-from labyrinth_core.data.manifest import TABLE, Manifest, Shard
+from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.collection import is_litter
 from pipeline.config.options import WorkOptions
@@ -120,7 +120,7 @@ def validate(data: Dataset, workers: int = 1) -> list[str]:
         "validate",
         total=sum(shard.rows for shard in manifest.shards),
     )
-    listed = {TABLE, *(shard.path for shard in manifest.shards)}
+    listed = {Manifest.TABLE, *(shard.path for shard in manifest.shards)}
     unlisted = sorted({path.name for path in data.folder.glob("*.parquet")} - listed)
     problems += [f"{name} is not in the manifest" for name in unlisted if not is_litter(name)]
     own: list[ShardReport] = []
@@ -138,7 +138,7 @@ def check_shard(job: CheckJob) -> ShardReport:
     path = job.shard.path
     try:
         with File(job.file.path).local_copy() as local:
-            if not read_schema(local).equals(arrow_schema(), check_metadata=False):
+            if not read_schema(local).equals(COLUMNS.arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
             with open_shard(local) as file, no_garbage_collection():
                 if problem := footer_problem(file, job.shard.rows):
@@ -198,7 +198,7 @@ def _miscounted(manifest: Manifest) -> Iterator[str]:
     for split, shards in shards_of.items():
         held, parent = sum(shard.labyrinths for shard in shards), SPLITS[split].parent
         # A shift leaves out labyrinths without such a variant; `check_shard` checks which.
-        short = split in SHIFTS and parent is not None and 0 < held < asked
+        short = split in SPLITS.shifts and parent is not None and 0 < held < asked
         if held != asked and not short:
             yield f"{split} holds {held} labyrinths, not {asked}"
         if parent and len(shards) != (of_parent := len(shards_of[parent])):
@@ -275,23 +275,25 @@ def table_file_problems(data: Dataset) -> tuple[list[str], bool]:
     """Return what is wrong with the table of labyrinths as a file, and if rows can be compared."""
     import pyarrow as pa
 
-    path, manifest = data.folder / TABLE, data.manifest
+    path, manifest = data.folder / Manifest.TABLE, data.manifest
     try:
         problems = []
         digest, expected = File(path).sha256(), manifest.table.sha256
         if digest != expected:
-            problems.append(f"{TABLE}: sha256 {digest}, but the manifest says {expected}")
+            problems.append(f"{Manifest.TABLE}: sha256 {digest}, but the manifest says {expected}")
         with opened_table(path) as file:
             rows, schema = file.metadata.num_rows, file.schema_arrow
     except FileNotFoundError:
-        return [f"{TABLE} is missing"], False
+        return [f"{Manifest.TABLE} is missing"], False
     except (OSError, pa.ArrowException) as error:
-        return [f"{TABLE} cannot be read: {one_line(error)}"], False
+        return [f"{Manifest.TABLE} cannot be read: {one_line(error)}"], False
     expected_rows = sum(shard.labyrinths for shard in manifest.shards)
-    if not schema.equals(arrow_schema(TABLE_COLUMNS), check_metadata=False):
-        problems.append(f"{TABLE}: its columns are not those of a table of labyrinths")
+    if not schema.equals(TABLE_COLUMNS.arrow_schema(), check_metadata=False):
+        problems.append(f"{Manifest.TABLE}: its columns are not those of a table of labyrinths")
     elif rows != expected_rows:
-        problems.append(f"{TABLE}: {rows} rows, but the manifest has {expected_rows} labyrinths")
+        problems.append(
+            f"{Manifest.TABLE}: {rows} rows, but the manifest has {expected_rows} labyrinths"
+        )
     else:
         return problems, True
     return problems, False
@@ -310,14 +312,15 @@ def table_problems(job: CheckJob, facts: Facts, first: int) -> Iterator[str]:
     import pyarrow as pa
 
     try:
-        found = table_part(job.file.folder / TABLE, first, len(facts))
+        found = table_part(job.file.folder / Manifest.TABLE, first, len(facts))
     except (OSError, ValueError, pa.ArrowException) as error:
-        yield f"{TABLE} cannot be read: {one_line(error)}"
+        yield f"{Manifest.TABLE} cannot be read: {one_line(error)}"
         return
     expected = facts_table(job.config, job.shard.split, facts, job.first_row)
     for name in expected.column_names:
         pairs = zip(found[name].to_pylist(), expected[name].to_pylist(), strict=True)
         for row, (value, right) in enumerate(pairs, first):
             if value != right:
-                yield f"{TABLE} row {row} {name}: {value!r:.99}, but the shard gives {right!r}"
+                row_name = f"{Manifest.TABLE} row {row} {name}"
+                yield f"{row_name}: {value!r:.99}, but the shard gives {right!r}"
                 break

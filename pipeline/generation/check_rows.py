@@ -18,7 +18,7 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing, Solution
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import NUMBERS
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
@@ -92,7 +92,7 @@ def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
     """Yield the rows of a file up to the first with a null, which is added to `problems`."""
     import pyarrow.compute as pc
 
-    first, names = 0, [column.name for column in NUMBERS]
+    first, names = 0, [column.name for column in COLUMNS.numbers]
     # A row group is read at once, unless it has very many rows.
     batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
     for batch in chain.from_iterable(batches):
@@ -278,7 +278,7 @@ def _differing(found: Row, right: Row, *, same_bytes: bool) -> Iterator[tuple[st
     """Yield the columns in which a row differs from the one that was made again, and how."""
     if found.info != right.info:
         yield "info", "not the labyrinth that the episode began with"
-    names = "obs", *(column.name for column in NUMBERS)
+    names = "obs", *(column.name for column in COLUMNS.numbers)
     values, others = ((row.obs_path, *row.numbers) for row in (found, right))
     for name, value, other in zip(names, values, others, strict=True):
         if value != other:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import LabyrinthError
@@ -67,7 +67,7 @@ def numbered_labyrinths(
         try:
             labyrinth, parent = labyrinth_and_parent(config, split, structure)
         except LabyrinthError:
-            if split not in SHIFTS:
+            if split not in SPLITS.shifts:
                 raise
             continue
         if labyrinth != before:

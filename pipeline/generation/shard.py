@@ -23,8 +23,8 @@ import numpy as np
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION, NUMBERS, arrow_schema
-from labyrinth_core.data.manifest import MANIFEST, Shard
+from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, NO_ACTION
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
@@ -67,7 +67,7 @@ WRITER_OPTIONS = {
     "compression_level": 1,
     "use_dictionary": ["info"],
     # The statistics of a column of pictures would hold whole pictures.
-    "write_statistics": [column.name for column in NUMBERS],
+    "write_statistics": [column.name for column in COLUMNS.numbers],
     "write_page_index": True,
     # With the schema, readers would get the texts as indices into a dictionary.
     "store_schema": False,
@@ -161,8 +161,8 @@ class Sidecar(NamedTuple):
 def not_as_it_was(path: AnyPath) -> str:
     """Return the error message for a file that was made again with other bytes."""
     return (
-        f"{path} cannot be made again with the same bytes: use the library versions in {MANIFEST}, "
-        "or give overwrite=true to rebuild the whole dataset"
+        f"{path} cannot be made again with the same bytes: use the library versions in "
+        f"{Manifest.FILE}, or give overwrite=true to rebuild the whole dataset"
     )
 
 
@@ -242,7 +242,7 @@ class Row(NamedTuple):
     obs_path: str
     """The name of the picture, unique in its config."""
     numbers: tuple[Any, ...]
-    """The values of `format.NUMBERS`."""
+    """The values of `COLUMNS.numbers`."""
     info: str
     picture_digest: bytes
     """The digest of its pixels, which is not a column."""
@@ -260,7 +260,8 @@ class Row(NamedTuple):
 
 
 _ACTION, _STARTS = (
-    [column.name for column in NUMBERS].index(name) for name in ("actions", "episode_starts")
+    [column.name for column in COLUMNS.numbers].index(name)
+    for name in ("actions", "episode_starts")
 )
 
 
@@ -274,7 +275,7 @@ class Fingerprint:
     does not protect against forgery.
     """
 
-    _NUMBERS = struct.Struct("<" + "".join(column.struct for column in NUMBERS))
+    _NUMBERS = struct.Struct("<" + "".join(column.struct for column in COLUMNS.numbers))
 
     def __init__(self) -> None:
         self._hash = hashlib.sha256()
@@ -309,7 +310,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
     for place, episode in enumerate(episodes):
         states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
         names = [f"{name}-{step:04d}.png" for step in range(len(states))]
-        columns = [column.values(episode) for column in NUMBERS if column.values]
+        columns = [column.values(episode) for column in COLUMNS.numbers if column.values]
         numbers = [*zip(*columns, strict=True)]
         drawn_once = len(episodes) == 1 and len(set(states)) == len(states)
         for first in range(0, len(states), DRAWN_AT_ONCE):
@@ -363,7 +364,7 @@ def write(path: Path, parts: Iterable[list[Row]]) -> str:
         no_garbage_collection(),
         pq.ParquetWriter(path, written_schema(), **WRITER_OPTIONS) as writer,
     ):
-        writer.add_key_value_metadata(arrow_schema().metadata)
+        writer.add_key_value_metadata(COLUMNS.arrow_schema().metadata)
         for part in parts:
             fingerprint.update(part)
             group += part
@@ -403,7 +404,7 @@ def rows_table(rows: list[Row]) -> pa.Table:
         fields=list(schema.field("obs").type),
     )
     arrays = {"obs": pictures}
-    for column, values in zip(NUMBERS, zip(*numbers, strict=True), strict=True):
+    for column, values in zip(COLUMNS.numbers, zip(*numbers, strict=True), strict=True):
         array = np.array(values, column.dtype)
         packed = np.packbits(array, bitorder="little") if column.type == "bool" else array
         arrays[column.name] = value_array(schema.field(column.name).type, len(rows), packed)
@@ -419,6 +420,6 @@ def written_schema() -> pa.Schema:
     """Return the schema of the tables to write; the texts of `info` are in a dictionary."""
     import pyarrow as pa
 
-    schema = arrow_schema()
+    schema = COLUMNS.arrow_schema()
     texts = pa.field("info", pa.dictionary(pa.int32(), pa.string()))
     return schema.set(schema.get_field_index("info"), texts)

@@ -31,10 +31,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import (
-    PATIENCE,
     Drawing,
 )
-from labyrinth_core.data.splits import SAMPLED_SPLITS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError
@@ -75,19 +74,19 @@ def sample(config: DatasetConfig, candidates: Candidates | None = None) -> Sampl
         ConfigError: The sampler found too few structures.
     """
     candidates = candidates or Candidates(config)
-    found = dict.fromkeys(SAMPLED_SPLITS, 0)
+    found = dict.fromkeys(SPLITS.sampled, 0)
     if config.min_walls == 1:  # The buckets alone keep the splits apart.
-        taken, last = _fill(config, candidates, found, SAMPLED_SPLITS)
+        taken, last = _fill(config, candidates, found, SPLITS.sampled)
     else:
         size = config.height, config.width
         near = {
             split: Neighbourhood(*size, config.min_walls - 1, config.labyrinths)
-            for split in SAMPLED_SPLITS
+            for split in SPLITS.sampled
         }
-        train, last_of_train = _fill(config, candidates, found, SAMPLED_SPLITS[:1])
+        train, last_of_train = _fill(config, candidates, found, SPLITS.sampled[:1])
         for structure in unpack(config, train["train"]):
             near["train"].add(structure)
-        others, last = _fill(config, candidates, found, SAMPLED_SPLITS[1:], near)
+        others, last = _fill(config, candidates, found, SPLITS.sampled[1:], near)
         taken, last = train | others, max(last, last_of_train)
     if selected_shifts(config):
         taken |= selected(config, taken)
@@ -110,12 +109,12 @@ def _fill(
         splits: The splits to fill.
         near: Split -> its structures, which other splits must not be near to; this is updated.
     """
-    places = {split: SAMPLED_SPLITS.index(split) for split in splits}
+    places = {split: SPLITS.sampled.index(split) for split in splits}
     taken = {split: [np.empty(0, record_type(config))] for split in splits}
     known = np.empty(0, np.int64)
     drawn = last = 0
     while any(found[split] < config.labyrinths for split in splits):
-        if drawn - last > PATIENCE:
+        if drawn - last > Drawing.PATIENCE:
             raise _not_enough(config, found)
         records = candidates.after(drawn, _expected(config, found, splits, drawn))
         fit = np.flatnonzero(np.isin(records["split"], [*places.values()]))
@@ -141,11 +140,11 @@ def _expected(
     """Return the number of further candidates that are likely to fill some splits."""
     expected = 1
     for split in splits:
-        share = config.buckets[SAMPLED_SPLITS.index(split)] / 100
+        share = config.buckets[SPLITS.sampled.index(split)] / 100
         missing = config.labyrinths - found[split]
         likely = missing * (drawn + 1) / (found[split] + share)
         # At least `missing / share` are needed, unless the sampler gives up first.
-        expected = max(expected, ceil(min(likely, max(missing / share, PATIENCE))))
+        expected = max(expected, ceil(min(likely, max(missing / share, Drawing.PATIENCE))))
     return expected
 
 
@@ -168,7 +167,7 @@ def _far_enough(
     missing = {split: config.labyrinths - count for split, count in found.items()}
     kept = []
     for place, structure in zip(fresh.tolist(), unpack(config, records[fresh]), strict=True):
-        split = SAMPLED_SPLITS[records["split"][place]]
+        split = SPLITS.sampled[records["split"][place]]
         others = (near[other] for other in near if other != split)
         if missing[split] and not any(other.is_near(structure) for other in others):
             near[split].add(structure)
@@ -185,7 +184,7 @@ def _not_enough(config: DatasetConfig, found: Mapping[str, int]) -> ConfigError:
         try_ = "ask for fewer of either, or try"
     return ConfigError(
         f"labyrinths={config.labyrinths}: of {config.name} the sampler found {counts}{apart}, and "
-        f"no other in {PATIENCE:,} draws; {try_} another open_walls or sampler"
+        f"no other in {Drawing.PATIENCE:,} draws; {try_} another open_walls or sampler"
     )
 
 
@@ -198,13 +197,13 @@ def check_capacity(config: DatasetConfig) -> None:
     edges = list(Structure.without_walls(config.height, config.width).passages())
     asked = f"size={config.height}x{config.width} labyrinths={config.labyrinths}"
     if len(edges) > COUNTABLE_EDGES:
-        if config.labyrinths * len(SAMPLED_SPLITS) >= 1 << len(edges):
+        if config.labyrinths * len(SPLITS.sampled) >= 1 << len(edges):
             raise ConfigError(f"{asked}: all splits share fewer than 2**{len(edges)} structures")
         return
     rare = bool(config.task.rules.tiles)
     if not rare and config.labyrinths * 100 < 1 << len(edges):
         return
-    counts, drawing = dict.fromkeys(SAMPLED_SPLITS, 0), Drawing(config)
+    counts, drawing = dict.fromkeys(SPLITS.sampled, 0), Drawing(config)
     subsets = chain.from_iterable(
         combinations(edges, size)
         for size in range(config.height * config.width - 1, len(edges) + 1)

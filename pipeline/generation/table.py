@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
-from labyrinth_core.data.manifest import TABLE, Shard, TableFile
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -127,7 +127,7 @@ def table_facts(folder: AnyPath, first: int, count: int) -> Facts:
         first: The row of the table with the first labyrinth.
         count: The number of labyrinths.
     """
-    table = table_part(folder / TABLE, first, count)
+    table = table_part(folder / Manifest.TABLE, first, count)
     facts = np.empty(count, FACTS)
     for name in FACTS.names or ():
         values = table[name].to_pylist()
@@ -171,7 +171,7 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
     """Return facts as rows of the table; the first labyrinth begins at `first_row` of its split."""
     import pyarrow as pa
 
-    count, schema = len(facts), arrow_schema(TABLE_COLUMNS)
+    count, schema = len(facts), TABLE_COLUMNS.arrow_schema()
     rows = facts["rows"].astype(np.int64)
     given: dict[str, Any] = {
         "split": split,
@@ -214,7 +214,7 @@ def write_table(
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    schema = arrow_schema(TABLE_COLUMNS)
+    schema = TABLE_COLUMNS.arrow_schema()
     words = ["split", "task", *(field.name for field in schema if field.type == pa.int32())]
     with pq.ParquetWriter(
         path, schema, compression="zstd", use_dictionary=words, store_schema=False

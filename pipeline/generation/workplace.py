@@ -13,7 +13,7 @@ from typing import Any
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import (
     AnyPath,
@@ -38,7 +38,7 @@ class Workplace:
     @classmethod
     def of(cls, folder: AnyPath) -> Workplace:
         """Return the workplace of a folder; for a link, it lies beside the link's target."""
-        return cls(completion(folder, MANIFEST).folder)
+        return cls(completion(folder, Manifest.FILE).folder)
 
     @property
     def building(self) -> AnyPath:
@@ -52,7 +52,7 @@ class Workplace:
 
     @cached_property
     def _place(self) -> Completion:
-        return completion(self.folder, MANIFEST)
+        return completion(self.folder, Manifest.FILE)
 
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
@@ -82,19 +82,19 @@ class Workplace:
         files with the names of a dataset's files count as listed.
         """
         own = Sums.read(self.folder, overwrite=True)
-        names = {path.name for path in own.unfinished([ANALYSIS, HASHES])}
+        names = {path.name for path in own.unfinished([Manifest.ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
         all_shards = not self._place.is_replaced_at_once and self.has_begun
         try:
             manifest = Dataset.at(self.folder, renamed=True).manifest
-            names |= {MANIFEST, TABLE, *(shard.path for shard in manifest.shards)}
+            names |= {Manifest.FILE, Manifest.TABLE, *(shard.path for shard in manifest.shards)}
         except DatasetError:
-            if (self.folder / MANIFEST).is_file():
-                names.add(MANIFEST)
+            if (self.folder / Manifest.FILE).is_file():
+                names.add(Manifest.FILE)
                 all_shards = True
         if all_shards:
             there = {path.name for path in self.folder.iterdir()}
-            names |= {name for name in there if _SHARD.fullmatch(name) or name == TABLE}
+            names |= {name for name in there if _SHARD.fullmatch(name) or name == Manifest.TABLE}
         return names
 
     def lacks(self, manifest: Manifest) -> list[str]:
@@ -104,7 +104,7 @@ class Workplace:
         manifest are, because the manifest is written last.
         """
         files = [(shard.path, shard.bytes, shard.sha256) for shard in manifest.shards]
-        files.append((TABLE, manifest.table.bytes, manifest.table.sha256))
+        files.append((Manifest.TABLE, manifest.table.bytes, manifest.table.sha256))
         return [name for name, size, digest in files if not self._is_whole(name, size, digest)]
 
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
@@ -134,7 +134,9 @@ class Workplace:
         if not self._place.is_replaced_at_once:
             if not same:  # From now on, shards in the folder are this build's.
                 self._write({"parts": None})
-            (self.folder / MANIFEST).unlink(missing_ok=True)  # It does not describe the new shards.
+            (self.folder / Manifest.FILE).unlink(
+                missing_ok=True
+            )  # It does not describe the new shards.
             for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
                 (self.folder / name).unlink(missing_ok=True)
         if not same:
@@ -143,7 +145,7 @@ class Workplace:
         if parts is not None and parts != self.parts:
             self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
-        for path in self._place.leftovers(self.shards, [MANIFEST]):
+        for path in self._place.leftovers(self.shards, [Manifest.FILE]):
             path.unlink()
 
     def begin(self, config: DatasetConfig) -> None:

@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import ANALYSIS
-from labyrinth_core.data.splits import BASE_SPLITS, SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection.counts import Content
@@ -39,7 +39,7 @@ def _analyse(job: Job[WorkOptions]) -> Iterator[str]:
     statistics, contents = read_contents(data, job.options.workers)
     labyrinths = {split: content.labyrinths for split, content in contents.items()}
     leakage = find_leakage(labyrinths, statistics.certificate)
-    pairs = [("train", split) for split in BASE_SPLITS[1:]] + [("validation", "test")]
+    pairs = [("train", split) for split in SPLITS.base[1:]] + [("validation", "test")]
     shifts = compare(contents, pairs, manifest.config.seed)
     for shift in manifest.config.shifts:  # Each has its own question, and its own family of tests.
         pairs = [(SPLITS[shift].parent or "test", shift)]
@@ -54,9 +54,9 @@ def _analyse(job: Job[WorkOptions]) -> Iterator[str]:
         },
     }
     text = as_text(content).encode()
-    leave(job.folder, {ANALYSIS: text}, overwrite=job.options.overwrite)
+    leave(job.folder, {Manifest.ANALYSIS: text}, overwrite=job.options.overwrite)
     yield from leaks(leakage, {})
-    yield f"Wrote {job.folder / ANALYSIS} (near-duplicates, tests of shift)."
+    yield f"Wrote {job.folder / Manifest.ANALYSIS} (near-duplicates, tests of shift)."
 
 
 def read_contents(data: Dataset, workers: int = 1) -> tuple[DatasetStatistics, dict[str, Content]]:

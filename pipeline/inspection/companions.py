@@ -17,7 +17,7 @@ from pathlib import Path
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import Column
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath
 
 
@@ -59,7 +59,7 @@ class Companion:
         The companion lacks shifts that the dataset got after it.
         """
         folder = data_dir / self.config(manifest.config.name)
-        if not (folder / MANIFEST).is_file():
+        if not (folder / Manifest.FILE).is_file():
             return None
         found = Dataset.at(folder, companion=self.suffix)
         config, rows = found.manifest.config, self.shards(manifest, found.manifest.config)

@@ -19,7 +19,7 @@ from labyrinth_core.data.dataset_config import CONFIG_NAME
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.source_text import printable_line
@@ -49,7 +49,7 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
-    folders = [file.parent for file in data_dir.glob(f"*/{MANIFEST}")]
+    folders = [file.parent for file in data_dir.glob(f"*/{Manifest.FILE}")]
     named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
     read_from = {folder.name: Dataset.at(folder, renamed=True).manifest for folder in named}
     manifests = []
@@ -69,9 +69,9 @@ def without_manifest(data_dir: AnyPath) -> list[Path]:
     """
     if not isinstance(data_dir, Path):
         return []
-    folders = [file.parent for file in sorted(data_dir.glob(f"*/{TABLE}"))]
+    folders = [file.parent for file in sorted(data_dir.glob(f"*/{Manifest.TABLE}"))]
     named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
-    return [folder for folder in named if not (folder / MANIFEST).exists()]
+    return [folder for folder in named if not (folder / Manifest.FILE).exists()]
 
 
 def table_config(config: str) -> str:
@@ -142,7 +142,7 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         add(manifest, manifest.config.name, COLUMNS, manifest.config.splits)
     for manifest in manifests:
         name = table_config(manifest.config.name)
-        configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{TABLE}"}))
+        configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{Manifest.TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
         infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
     for kind in companions():

@@ -20,7 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.splits import SAMPLED_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
@@ -186,7 +186,7 @@ class Certificate:
     def problems_of_splits(self) -> Iterator[str]:
         """Yield a line for each split that repeats structures or has some that its parent lacks."""
         for split, copies in self.repeated.items():
-            made_from_others = split in SHIFTS and SPLITS[split].parent is not None
+            made_from_others = split in SPLITS.shifts and SPLITS[split].parent is not None
             if copies and split not in self.strangers and not made_from_others:
                 yield f"{split} repeats {count(copies, 'structure')}"
         for split, ids in self.strangers.items():
@@ -221,7 +221,7 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
         pairs=tuple(
             _compared(first, splits[first], second, splits[second])
             for first, second in combinations(own, 2)
-            if second not in SHIFTS or first in SAMPLED_SPLITS[:2]
+            if second not in SPLITS.shifts or first in SPLITS.sampled[:2]
         ),
         strangers=strangers,
     )

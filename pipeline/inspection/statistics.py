@@ -14,7 +14,7 @@ from typing import Annotated, Any, TypedDict
 from labyrinth_core.data import typed
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
@@ -123,7 +123,7 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     manifests = front_matter.finished(data_dir)
     if lacking := front_matter.without_manifest(data_dir):
         advice = "move it away, and build it again if you want it back"
-        raise DatasetError(f"{lacking[0]} is a dataset without its {MANIFEST}: {advice}")
+        raise DatasetError(f"{lacking[0]} is a dataset without its {Manifest.FILE}: {advice}")
     if not manifests:
         raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
     datasets = []
@@ -176,13 +176,13 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
     Raises:
         DatasetError: The file is damaged.
     """
-    path = data.folder / ANALYSIS
+    path = data.folder / Manifest.ANALYSIS
     try:
         content: _Made = typed.read_as(_Made, File(path).read_json())
         if content["fingerprint"] != data.fingerprint:
             return None
         sums = Sums.read(data.folder)
-        if ANALYSIS in dict(sums.hashes) and not sums.has(ANALYSIS):
+        if Manifest.ANALYSIS in dict(sums.hashes) and not sums.has(Manifest.ANALYSIS):
             raise ValueError(f"its sha256 is not the one in {HASHES}")
         analysis: _Analysis = typed.read_as(_Analysis, content)
         leakage = analysis["leakage"]

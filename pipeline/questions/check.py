@@ -10,7 +10,6 @@ from typing import Any
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import arrow_schema
 from labyrinth_core.data.rows import each_read
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
@@ -65,7 +64,7 @@ def _check(same_bytes: bool, made: tuple[ShardFile, ShardFile]) -> list[str]:
         with file.opened() as opened:
             # The types in the file: some columns are read as dictionaries.
             schema = opened.schema.to_arrow_schema()
-            if not schema.equals(arrow_schema(QUESTION_COLUMNS), check_metadata=False):
+            if not schema.equals(QUESTION_COLUMNS.arrow_schema(), check_metadata=False):
                 return [f"{path}: its columns are not those of questions"]
             # Converted as they are read, since a text may not be UTF-8.
             batches = map(pa.RecordBatch.to_pylist, opened.iter_batches(GROUP_ROWS))

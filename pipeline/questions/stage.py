@@ -13,8 +13,7 @@ from typing import Any
 
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import arrow_schema
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from pipeline.config.options import WorkOptions
@@ -52,8 +51,12 @@ def run(job: Job[WorkOptions]) -> None:
     is_other = found is None or found.manifest.config != manifest.config  # Then replace it.
     overwrite = is_other or job.options.overwrite
     about = COMPANION.shards(manifest, manifest.config)
-    names = [MANIFEST, *(shard.path for shard in about)]
-    rules: dict[str, Any] = {"mark": MANIFEST, "names": names, "instead": "choose another data_dir"}
+    names = [Manifest.FILE, *(shard.path for shard in about)]
+    rules: dict[str, Any] = {
+        "mark": Manifest.FILE,
+        "names": names,
+        "instead": "choose another data_dir",
+    }
     with produced(folder, key, overwrite=overwrite, **rules) as made:
         state = "is there already" if made is None else _make(data, made, job.options.workers)
     with held(job.data_dir, "README.md"):
@@ -80,7 +83,7 @@ def _write(folder: AnyPath, file: ShardFile) -> Shard:
     import pyarrow.parquet as pq
 
     rows, longest, about = 0, 0, file.shard
-    schema = arrow_schema(QUESTION_COLUMNS)
+    schema = QUESTION_COLUMNS.arrow_schema()
     with new_file(folder / about.path, folder.parent) as path:
         with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
             writer.add_key_value_metadata(schema.metadata)

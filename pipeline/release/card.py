@@ -18,7 +18,7 @@ import yaml
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
@@ -188,11 +188,13 @@ def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
             folders |= beside([manifest], kind)
         for name, each in folders.items():
             listed |= {f"{name}/{shard.path}": shard.sha256 for shard in each.shards}
-            listed[f"{name}/{MANIFEST}"] = File(data_dir / name / MANIFEST).sha256()
+            listed[f"{name}/{Manifest.FILE}"] = File(data_dir / name / Manifest.FILE).sha256()
         name = manifest.config.name
-        listed[f"{name}/{TABLE}"] = manifest.table.sha256
+        listed[f"{name}/{Manifest.TABLE}"] = manifest.table.sha256
         if read_analysis(Dataset.at(data_dir / name, manifest)):
-            listed[f"{name}/{ANALYSIS}"] = File(data_dir / name / ANALYSIS).sha256()
+            listed[f"{name}/{Manifest.ANALYSIS}"] = File(
+                data_dir / name / Manifest.ANALYSIS
+            ).sha256()
     return listed
 
 
@@ -202,10 +204,10 @@ def _require_as_listed(own: Sums, manifests: Sequence[Manifest], listed: Mapping
         of_config = {each: digest for each, digest in listed.items() if each.startswith(f"{name}/")}
         changed = [each for each in of_config.items() if each not in own.hashes]
         names = {each for each, _ in own.hashes}
-        if [each for each, _ in changed] == [f"{name}/{MANIFEST}"] and changed[0][0] in names:
+        if [each for each, _ in changed] == [f"{name}/{Manifest.FILE}"] and changed[0][0] in names:
             raise DatasetError(
-                f"{own.folder / name / MANIFEST} has changed, though its shards have not: build "
-                "the dataset again, or give overwrite=true to publish it as it is"
+                f"{own.folder / name / Manifest.FILE} has changed, though its shards have not: "
+                "build the dataset again, or give overwrite=true to publish it as it is"
             )
 
 

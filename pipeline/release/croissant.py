@@ -16,7 +16,7 @@ from string import Template
 from typing import Any, NamedTuple
 
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
@@ -123,7 +123,7 @@ def _distribution(
         yield _filled(parts["files"], config=name, patterns=patterns, within=within)
         files = {shard.path: (shard.bytes, shard.sha256) for shard in manifest.shards}
         if manifest.labyrinths is not None:
-            files[TABLE] = (manifest.labyrinths.bytes, manifest.labyrinths.sha256)
+            files[Manifest.TABLE] = (manifest.labyrinths.bytes, manifest.labyrinths.sha256)
         for file, (size, digest) in files.items():
             path = f"{name}/{file}"
             yield _filled(parts["file"], path=path, size=size, sha256=digest, within=within)
@@ -142,7 +142,7 @@ def _rows(parts: Mapping[str, Any], name: str, config: _Config) -> Any:
 
 def _labyrinths(parts: Mapping[str, Any], parent: str) -> Any:
     """Return the record set of the table of labyrinths of a config."""
-    config, file = table_config(parent), {"@id": f"{parent}/{TABLE}"}
+    config, file = table_config(parent), {"@id": f"{parent}/{Manifest.TABLE}"}
     files = {"file_set": None, "file_object": file}
     fields = [_field(parts, config, column, **files) for column in TABLE_COLUMNS]
     return _filled(parts["labyrinths"], config=config, parent=parent, fields=fields)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont
 
-from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -152,10 +152,10 @@ class Figure(NamedTuple):
 def banner(splits: Splits) -> Sheet:
     """Return a labyrinth of train, of validation and of test, side by side."""
     gap = 60
-    size = (WIDTH - 2 * gap - 2) // len(SAMPLED_SPLITS)
+    size = (WIDTH - 2 * gap - 2) // len(SPLITS.sampled)
     tall = tallness(splits["train"].examples[0].labyrinth.structure, size)
     sheet = Sheet(height=tall + 110)
-    for place, name in enumerate(SAMPLED_SPLITS):
+    for place, name in enumerate(SPLITS.sampled):
         split = splits[name]
         left = 1 + place * (size + gap)
         sheet.labyrinth((left, 1), size, *split.examples[0])

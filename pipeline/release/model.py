@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,7 @@ from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
@@ -20,7 +21,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import RESULTS, Results
 from labyrinth_core.evaluation.scores import WHY_SPL
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import Record, read_run, trained_run
+from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import (
     CONFIG,
     RECORD,
@@ -112,7 +113,7 @@ def stage_policy(
 
 def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
-) -> tuple[Results, TrainedRun, Record]:
+) -> tuple[Results, TrainedRun, Mapping[str, Any]]:
     """Return the results in the folder of a run, their description of the run, and its record."""
     folder = job.options.run_folder(job.dataset)
     path, anew = folder / RESULTS, "stages=evaluate makes it again"
@@ -141,7 +142,9 @@ def _results(
 
 def _known(job: Job[PublishStageOptions], commit: str, manifest: Manifest) -> KnownDataset:
     """Return the dataset to check results against: the same one in data_dir, else on the Hub."""
-    if (job.folder / MANIFEST).is_file() and (local := Dataset.at(job.folder)).manifest == manifest:
+    if (job.folder / Manifest.FILE).is_file() and (
+        local := Dataset.at(job.folder)
+    ).manifest == manifest:
         return KnownDataset(local)
     return KnownDataset(Dataset(job.options.dataset_on_hub[0], job.dataset.name, commit))
 

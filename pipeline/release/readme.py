@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import yaml
 
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import ANALYSIS, TABLE
-from labyrinth_core.data.splits import SHIFTS, SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.rules import Action
@@ -118,7 +118,7 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
     """Return the section on the tables of labyrinths."""
     section = fill(
         "labyrinth_table.md",
-        table=TABLE,
+        table=Manifest.TABLE,
         names=", ".join(f"`{table_config(dataset.name)}`" for dataset in datasets),
         columns=meanings(TABLE_COLUMNS),
         name=release.name,
@@ -186,7 +186,7 @@ def _closeness(datasets: Sequence[DatasetStatistics]) -> str:
     walls = ("1 wall away", "2 walls", "3 walls")
     heading = ("config", "splits", "of", "turned", *walls, "same route", "walls to the nearest")
     counts = table(heading, rows, "llrrrrrrr")
-    return "\n\n" + fill("closeness.md", analysis=ANALYSIS, counts=counts).strip()
+    return "\n\n" + fill("closeness.md", analysis=Manifest.ANALYSIS, counts=counts).strip()
 
 
 def _statistics(datasets: Sequence[DatasetStatistics], default: str) -> str:
@@ -262,7 +262,7 @@ def limits(datasets: Sequence[DatasetStatistics]) -> list[str]:
     same_size = len({(config.height, config.width) for config in configs}) < len(configs)
     apart = len({config.buckets for config in configs}) > 1
     walls = min(config.min_walls for config in configs)
-    looks = [shift for shift in SHIFTS if SPLITS[shift].is_redrawn]
+    looks = [shift for shift in SPLITS.shifts if SPLITS[shift].is_redrawn]
     looks = [f"`{shift}`" for shift in looks if any(shift in config.shifts for config in configs)]
     cut = sum(shard.cut for dataset in datasets for shard in dataset.manifest.shards)
     points = [

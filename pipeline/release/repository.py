@@ -333,8 +333,9 @@ class Repository:
                 )
                 return self._required(made.oid)
             except (*hub.UNAVAILABLE, *MALFORMED) as error:
-                is_refused = hub.status_of(error) == 412
-                if hub.seconds_to_wait(error) is None and not is_refused:
+                status = hub.status_of(error)
+                is_refused = status == 412
+                if status and not is_refused and hub.seconds_to_wait(error) is None:
                     raise
                 head, found = self.landed(title, plan, parent)
                 if found:
@@ -393,15 +394,15 @@ class Repository:
         Raises:
             PublishError: The tag points to another commit.
         """
-        if tag not in self.tags():
-            try:
-                self._call("create_tag", tag=tag, revision=commit)
-            except HfHubHTTPError as error:
-                # It exists: our first answer was lost, or another user created it.
-                if hub.status_of(error) != 409:
-                    raise
 
         def tagged() -> str:
+            if tag not in self.tags():
+                try:
+                    self._call("create_tag", tag=tag, revision=commit)
+                except HfHubHTTPError as error:
+                    # It exists: our first answer was lost, or another user created it.
+                    if hub.status_of(error) != 409:
+                        raise
             if tag not in (tags := self.tags()):
                 raise hub.WrongAnswerError(
                     f"{self.repo_id}: the Hub does not list the tag {tag} yet: publish again"

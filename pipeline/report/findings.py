@@ -14,7 +14,7 @@ import numpy as np
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
@@ -120,7 +120,7 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     """Return the page's data on a method: means over its runs, and each run."""
     first = runs[0]
     splits_of_all = set.intersection(*(set(run.splits) for run in runs))
-    shown = [split for split in (*EVALUATED_SPLITS, *SHIFTS) if split in splits_of_all]
+    shown = [split for split in (*EVALUATED_SPLITS, *SPLITS.shifts) if split in splits_of_all]
     told = [
         {
             "name": _about(run).name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import folder_at
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
@@ -35,7 +35,10 @@ class Available:
         if config not in self._found:
             job = self._job
             try:
-                if job.options.dataset is None and not (job.data_dir / config / MANIFEST).is_file():
+                if (
+                    job.options.dataset is None
+                    and not (job.data_dir / config / Manifest.FILE).is_file()
+                ):
                     raise DatasetError(f"{job.data_dir / config} holds no dataset")  # Ask no Hub.
                 self._found[config] = KnownDataset.read(job.source, config, job.options.revision)
             except DatasetError as error:

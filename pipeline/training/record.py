@@ -35,7 +35,6 @@ def write_record(
     identity: Mapping[str, Any],
     progress: Progress,
     computed: Mapping[str, Any],
-    files: Sequence[str],
 ) -> None:
     """Write `run.json` and `curves.png` into the folder that holds the policy of a run.
 
@@ -47,16 +46,14 @@ def write_record(
         identity: Everything that determines the run's weights: method, settings, seed, dataset, ...
         progress: The progress of the finished run.
         computed: The device and the number of threads.
-        files: The names of the files of the policy.
     """
-    files = [*files]
     try:
         picture = _curves(name, progress.history)
     except Exception as error:  # Any error: a plot must never cost the policy.
         say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     else:
         File(folder / CURVES).write_bytes(picture)
-        files.append(CURVES)
+    held = [each for each in (WEIGHTS, CONFIG, CURVES) if (folder / each).exists()]
     content = {
         "format": FORMAT,
         "run": identity,
@@ -65,7 +62,7 @@ def write_record(
         "epochs": progress.epoch,
         "selected": progress.best,
         "history": progress.history,
-        "files": {file: File(folder / file).sha256() for file in files},
+        "files": {each: File(folder / each).sha256() for each in held},
     }
     File(folder / RECORD).write_text(json.dumps(content, indent=1) + "\n")
 

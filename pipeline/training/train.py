@@ -154,9 +154,8 @@ def _train(
     if CONFIG in files_of(job):
         policy = PolicySpec.of_run(learner.problem.spec, identity)
         File(folder / CONFIG).write_text(json.dumps(policy.to_json(), indent=1) + "\n")
-    files = [name for name in files_of(job) if name != RECORD]
     name = options.run_name(job.dataset).name
-    write_record(folder, name, identity, done, computed_on(device), files)
+    write_record(folder, name, identity, done, computed_on(device))
     return done
 
 

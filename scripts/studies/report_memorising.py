@@ -24,7 +24,7 @@ HEADING = [
 
 
 def headline() -> str:
-    """Return the answer: how many BC networks follow their own train, and by how much."""
+    """Return the answer: which methods follow their own train, by how much, and what it costs."""
     asked = [each for each in kept() if each["method"] == "bc" and not each["options"]]
     asked = [each for each in asked if not each["dataset"]]
     receipts = [each["receipt"] for each in asked]
@@ -32,14 +32,23 @@ def headline() -> str:
     points = [each["excess"] for each in receipts]
     share = np.mean([each["excess"] / each["most"] for each in receipts])
     trains = len({each["train"] for each in asked})
-    released = next(each["receipt"]["p"] for each in kept() if each["method"] == "released")
+    known, new = (
+        np.mean([each["test"][figure] for each in asked])
+        for figure in ("sr_known_route", "sr_new_route")
+    )
+    of = {
+        method: _ranked([each["receipt"]["p"] for each in kept() if each["method"] == method])
+        for method in ("dagger", "released", "mapper")
+    }
     return (
         f"**Behavioural cloning follows what its own training set happened to show. {found} of "
         f"{len(asked)} networks, on {trains} training sets of 100 labyrinths of 5x5, follow their "
         f"own set more than any of 200 others that the same distribution gives (p = 0.005): in "
         f"{min(points):.1f} to {max(points):.1f} more of 100 states of `test` than these explain, "
-        f"{share:.0%} of what a policy would reach that always did. Of the planner p is "
-        f"{released:.3f}.**"
+        f"{share:.0%} of what a policy would reach that always did. So does DAgger "
+        f"(p = {of['dagger']}); the planner (p = {of['released']}) and the mapper (p = "
+        f"{of['mapper']}) do not. The BC networks solve {known:.0%} of `test` where an optimal "
+        f"route was demonstrated and {new:.0%} elsewhere; the planner and the mapper all.**"
     )
 
 

@@ -113,6 +113,7 @@ def main() -> None:
         text = page.read_text(encoding="utf-8")
         page.write_text(with_tables(text), encoding="utf-8")
     if given.figures is not None:
+        given.figures.mkdir(parents=True, exist_ok=True)
         with mpl.rc_context(STYLE):
             for name, draw in FIGURES.items():
                 save(draw(), given.figures / f"{name}.png")

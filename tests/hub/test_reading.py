@@ -17,7 +17,7 @@ from hub.local_hub import LocalHub
 from labyrinth_core.data import hub as client
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.rows import rows_together
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.policies.load import located
@@ -71,7 +71,7 @@ def test_a_release_that_arrives_during_a_load_is_not_mixed_with_the_one_before(
     faulty: LocalHub, versions: list[Path], labyrinths: int | None
 ) -> None:
     def release(_: Any) -> None:
-        if faulty.log.find("HEAD", MANIFEST):
+        if faulty.log.find("HEAD", Manifest.FILE):
             faulty.log.on_exchange = None
             put(faulty, versions[1])
 
@@ -81,7 +81,7 @@ def test_a_release_that_arrives_during_a_load_is_not_mixed_with_the_one_before(
     assert values(REPO, labyrinths=labyrinths) == new
 
 
-@pytest.mark.parametrize("name", [MANIFEST, TABLE, SHARD])
+@pytest.mark.parametrize("name", [Manifest.FILE, Manifest.TABLE, SHARD])
 def test_a_damaged_download_is_mended_before_anyone_hears_of_it(
     faulty: LocalHub, versions: list[Path], tmp_path: Path, name: str
 ) -> None:
@@ -105,7 +105,7 @@ def test_errors_that_pass_are_got_over_and_others_told_in_one_line(
     for status, method in ((500, "GET"), (503, "GET"), (429, "HEAD")):
         faulty.faults.fail(method, f"/resolve/.*{SHARD}", status=status)
     faulty.faults.answer(*ASKING, status=200, body=b"<html>")
-    faulty.faults.cut("GET", MANIFEST)
+    faulty.faults.cut("GET", Manifest.FILE)
     assert values(REPO) == right
     for body in (b"<html>Log in", b"{}", b"null", b"[]"):
         faulty.faults.clear()

@@ -7,6 +7,7 @@ from dataclasses import dataclass, fields, make_dataclass, replace
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.description import RunName
 from pipeline.command import composed
 from pipeline.command.dataset import BucketsConfig
@@ -66,7 +67,7 @@ def build_dataset(
     data_dir: Path,
     *,
     cells_per_shard: int = build.CELLS_PER_SHARD,
-    cells_per_chunk: tuple[int, int] = build.CELLS_PER_CHUNK,
+    cells_per_chunk: tuple[int, int] = Drawing.CELLS_PER_CHUNK,
     **options: Any,
 ) -> Run:
     """Build the dataset of `run_of`, and return the run."""

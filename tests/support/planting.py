@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -37,7 +37,7 @@ def plant(folder: Path, split: str, old: str, new: str) -> None:
     changed = [
         row | {"info": new if row["info"] == old else row["info"]} for row in rows(folder, split)
     ]
-    write(folder, split, pa.Table.from_pylist(changed, schema=arrow_schema()))
+    write(folder, split, pa.Table.from_pylist(changed, schema=COLUMNS.arrow_schema()))
 
 
 def write(folder: Path, split: str, table: pa.Table) -> None:

@@ -10,8 +10,8 @@ import numpy as np
 
 import labyrinth_core
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.results import Results
@@ -64,7 +64,7 @@ def analyse(folder: Path) -> dict[str, Any]:
         },
         "shift": {"permutations": 999, "measures": [shift]},
     }
-    (folder / ANALYSIS).write_text(json.dumps(content))
+    (folder / Manifest.ANALYSIS).write_text(json.dumps(content))
     return content
 
 
@@ -83,7 +83,7 @@ def evaluate(folder: Path, run_dir: Path, seed: int = 0) -> list[str]:
     """
     splits, failed = {}, []
     known = KnownDataset.read(str(folder.parent), folder.name)
-    for split in BASE_SPLITS:
+    for split in SPLITS.base:
         if split == "random":
             continue
         right = known.split(split)

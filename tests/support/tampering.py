@@ -19,8 +19,8 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import NUMBERS, arrow_schema
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
@@ -86,7 +86,7 @@ def rows_of(folder: Path, file: str = TRAIN) -> Iterator[Rows]:
     """Lend the rows of a shard to be changed, then write them, and a manifest that agrees."""
     rows = read_rows(folder / file)
     yield rows
-    pq.write_table(pa.Table.from_pylist(rows, schema=arrow_schema()), folder / file)
+    pq.write_table(pa.Table.from_pylist(rows, schema=COLUMNS.arrow_schema()), folder / file)
     agree(folder, file, rows)
 
 
@@ -125,11 +125,11 @@ def put_shards(
 @contextmanager
 def manifest_of(folder: Path) -> Iterator[dict[str, Any]]:
     """Lend the content of a manifest to be changed, then write it, with its fingerprint."""
-    content = json.loads((folder / MANIFEST).read_bytes())
+    content = json.loads((folder / Manifest.FILE).read_bytes())
     yield content
     parts = [f"{shard['split']}:{shard['fingerprint']}" for shard in content["shards"]]
     content["fingerprint"] = hashlib.sha256("\n".join(parts).encode()).hexdigest()
-    (folder / MANIFEST).write_text(json.dumps(content))
+    (folder / Manifest.FILE).write_text(json.dumps(content))
 
 
 def agree(folder: Path, file: str, rows: Rows) -> None:
@@ -157,7 +157,7 @@ def fingerprint(rows: Iterable[dict[str, Any]]) -> str:
     """Return the fingerprint of rows, their pictures decoded by Pillow."""
     fingerprint = Fingerprint()
     for row in rows:
-        numbers = tuple(row[column.name] for column in NUMBERS)
+        numbers = tuple(row[column.name] for column in COLUMNS.numbers)
         digest = picture_digest_of(row["obs"]["bytes"])
         fingerprint.update([Row(b"", "", numbers, row["info"], digest)])
     return fingerprint.hexdigest()

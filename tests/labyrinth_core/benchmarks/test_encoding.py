@@ -49,6 +49,7 @@ APART = {
     "shapes": (np.zeros((2, 3)), np.zeros((3, 2))),
     "types": (np.zeros(2, "f4"), np.zeros(2, "f8")),
     "nothing and none": ((), None),
+    "spaces": ("a  b", "a b"),
     "nothing below a key": ({"a": {}}, {}),
     "types of whole numbers": (np.zeros(2, "i4"), np.zeros(2, "i8")),
     "empty shapes": (np.zeros((0, 2)), np.zeros((0, 3))),

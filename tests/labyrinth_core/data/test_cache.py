@@ -17,7 +17,7 @@ from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cach
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import LocalFile
 
 NOT_CACHED = "optimal", "columns"
@@ -75,7 +75,7 @@ def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_
 # What is kept.
 
 
-@pytest.mark.parametrize("split", BASE_SPLITS)
+@pytest.mark.parametrize("split", SPLITS.base)
 def test_what_is_kept_is_what_was_loaded_and_no_shard_is_read_again(
     data_dir, cache, tmp_path, split
 ):

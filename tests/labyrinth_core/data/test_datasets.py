@@ -31,7 +31,7 @@ from labyrinth_core import (
     stream_transitions,
 )
 from labyrinth_core.data import hub
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
+from labyrinth_core.data.manifest import Manifest, TableFile
 from labyrinth_core.data.storage import File
 from labyrinth_core.notebooks import WIDTH, register
 
@@ -135,7 +135,7 @@ def test_a_dataset_has_its_splits_its_fingerprint_and_its_table(
     assert "train" in data
     assert "tests" not in data
     assert data.fingerprint == manifest.fingerprint
-    assert data.table == pq.read_table(data_dir / "3x4" / TABLE)
+    assert data.table == pq.read_table(data_dir / "3x4" / Manifest.TABLE)
     lines = repr(data).splitlines()
     assert lines[0] == f"Dataset 3x4 of {data_dir}"
     assert lines[1] == "  labyrinths: 3 x 4, navigation"
@@ -239,11 +239,13 @@ def test_a_table_with_impossible_numbers_of_episodes_is_refused(
     data_dir: Path, tmp_path: Path, episodes: int | None
 ) -> None:
     folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
-    table = pq.read_table(folder / TABLE)
+    table = pq.read_table(folder / Manifest.TABLE)
     place = table.column_names.index("episodes")
     column = pa.array([episodes] * len(table), table.schema.field(place).type)
-    pq.write_table(table.set_column(place, table.schema.field(place), column), folder / TABLE)
-    described = TableFile(1, File(folder / TABLE).sha256())
+    pq.write_table(
+        table.set_column(place, table.schema.field(place), column), folder / Manifest.TABLE
+    )
+    described = TableFile(1, File(folder / Manifest.TABLE).sha256())
     replace(Manifest.read(folder), labyrinths=described).write(folder)
     with pytest.raises(DatasetError, match="does not match the shards of split=train"):
         Dataset(folder.parent, "3x4")["train"].sample_episodes(1)
@@ -319,11 +321,11 @@ def test_all_of_a_dataset_on_the_hub_is_of_one_commit(
     monkeypatch.setattr(hub, "commit_of", lambda *_: next(commits))  # Asked once a dataset.
     monkeypatch.setattr(hub, "download", download)
     data = Dataset("user/labyrinth", "3x4")
-    assert asked == [(commit, [MANIFEST])]
+    assert asked == [(commit, [Manifest.FILE])]
     found = data["train"].transitions(**VECTOR)
     assert values(found) == values(load_transitions(data_dir, "3x4", **VECTOR))
     shards = [shard.path for shard in data.manifest.of("train")]
-    assert asked[1:] == [(commit, [MANIFEST]), (commit, shards)]
+    assert asked[1:] == [(commit, [Manifest.FILE]), (commit, shards)]
     data["test"].filter(labyrinths=1).transitions(**VECTOR)
     assert {revision for revision, _ in asked} == {commit}
     assert repr(data).startswith("Dataset 3x4 of user/labyrinth\n")

@@ -25,10 +25,9 @@ from support.making import Run
 from labyrinth_core import DatasetError, load_transitions
 from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
+from labyrinth_core.data.manifest import Manifest, TableFile
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.storage import File
-from pipeline.generation.table import arrow_schema
 
 MOST = 700 << 20
 """Bytes of memory beyond those of the libraries."""
@@ -116,9 +115,9 @@ def folder(small_dataset: Run, tmp_path: Path) -> Path:
 
 def claim(folder: Path, **values: Any) -> None:
     """Make the manifest say other things of the shard of train."""
-    content = json.loads((folder / MANIFEST).read_bytes())
+    content = json.loads((folder / Manifest.FILE).read_bytes())
     content["shards"][0] |= values
-    (folder / MANIFEST).write_text(json.dumps(content))
+    (folder / Manifest.FILE).write_text(json.dumps(content))
 
 
 def pad(path: Path, count: int) -> None:
@@ -140,14 +139,14 @@ def put_shard(folder: Path, columns: dict[str, Any], padding: int = 0, **options
 
 def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> None:
     """Write a table of `count` labyrinths of train, and a manifest that agrees as it can."""
-    schema = arrow_schema(TABLE_COLUMNS)
+    schema = TABLE_COLUMNS.arrow_schema()
     usual = {"split": "train", "task": "navigation", "first_row": 0}
 
     def column(field: pa.Field) -> pa.Array:
         value = usual.get(field.name, "0" * 16 if field.type == pa.string() else 1)
         return columns.get(field.name, pa.repeat(pa.scalar(value, field.type), count))
 
-    path = folder / TABLE
+    path = folder / Manifest.TABLE
     table = pa.table({field.name: column(field) for field in schema})
     pq.write_table(table, path, compression="zstd", store_schema=False)
     pad(path, padding)

@@ -20,10 +20,10 @@ from support.tampering import episode_rows, put_shards
 
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.rows import MOST_ROWS
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
@@ -256,7 +256,7 @@ def test_an_id_that_the_hub_forbids_is_refused_here():
         (".", {"config": "9x9"}, f"config=9x9: .* holds {', '.join(CONFIGS)}"),
         ("3x3", {}, "{0}/3x3 is the folder of the config 3x3: give the folder that holds it, {0}"),
         ("empty", {}, r"config=3x3: .* holds no dataset: it has no manifest\.json, which .*"),
-        (".", {"split": "eval"}, f"split=eval: the dataset has {', '.join(BASE_SPLITS)}"),
+        (".", {"split": "eval"}, f"split=eval: the dataset has {', '.join(SPLITS.base)}"),
     ],
 )
 def test_what_is_not_there_is_told_what_there_is(data_dir, load, inner, options, message):
@@ -327,7 +327,7 @@ def test_a_shard_with_more_rows_than_the_manifest_says_is_not_read(data_dir, tmp
     [(MOST_ROWS, "every row needs"), (MOST_ROWS + 1, f"a row group has {MOST_ROWS + 1} rows")],
 )
 def test_a_row_group_larger_than_any_of_ours_is_not_read(data_dir, tmp_path, count, message):
-    schema = arrow_schema()
+    schema = COLUMNS.arrow_schema()
     columns = {field.name: pa.nulls(count, field.type) for field in schema}
     # The file is no smaller than one of so many rows could be.
     columns["rewards"] = pa.array(np.random.default_rng(0).random(count, np.float32))

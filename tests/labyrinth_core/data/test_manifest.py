@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from support.making import Run
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, Manifest, Shard
+from labyrinth_core.data.manifest import Manifest, Shard
 
 WRONG = (None, True, 1.0, -1, [], {})
 """Values of which none is that of a field of a shard."""
@@ -33,7 +33,7 @@ anything = st.recursive(
 
 @pytest.fixture(scope="module")
 def content(small_dataset: Run) -> Any:
-    return json.loads((small_dataset.folder / MANIFEST).read_bytes())
+    return json.loads((small_dataset.folder / Manifest.FILE).read_bytes())
 
 
 @pytest.fixture(scope="module")
@@ -45,7 +45,7 @@ def scratch(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def read_back(folder: Path, content: Any) -> Manifest:
     """Read a manifest back from a folder of the dataset's name."""
-    (folder / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    (folder / Manifest.FILE).write_text(json.dumps(content), encoding="utf-8")
     return Manifest.read(folder)
 
 
@@ -68,8 +68,10 @@ def test_a_manifest_survives_the_way_to_disk_and_back(small_dataset: Run, folder
     manifest = Manifest.read(small_dataset.folder)
     manifest.write(folder)
     assert Manifest.read(folder) == manifest
-    assert (folder / MANIFEST).read_bytes() == (small_dataset.folder / MANIFEST).read_bytes()
-    assert [path.name for path in folder.iterdir()] == [MANIFEST]
+    assert (folder / Manifest.FILE).read_bytes() == (
+        small_dataset.folder / Manifest.FILE
+    ).read_bytes()
+    assert [path.name for path in folder.iterdir()] == [Manifest.FILE]
 
 
 @pytest.mark.slow
@@ -110,8 +112,8 @@ def test_an_edited_manifest_is_read_as_one_or_refused(
 @given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode) | anything)
 def test_other_content_is_no_manifest(scratch: Path, other: Any) -> None:
     raw = other if isinstance(other, bytes) else json.dumps(other).encode()
-    (scratch / MANIFEST).write_bytes(raw)
-    with pytest.raises(DatasetError, match=MANIFEST):
+    (scratch / Manifest.FILE).write_bytes(raw)
+    with pytest.raises(DatasetError, match=Manifest.FILE):
         Manifest.read(scratch)
 
 
@@ -119,7 +121,7 @@ def test_other_content_is_no_manifest(scratch: Path, other: Any) -> None:
 def test_nesting_without_end_or_a_folder_in_its_place_is_no_manifest(
     tmp_path: Path, make: Callable[[Path], object]
 ) -> None:
-    make(tmp_path / MANIFEST)
+    make(tmp_path / Manifest.FILE)
     with pytest.raises(DatasetError, match="cannot be read"):
         Manifest.read(tmp_path)
 
@@ -147,7 +149,7 @@ def with_shard(content: Any, **values: Any) -> Any:
             (lambda content, path=path: with_shard(content, path=path), NO_SHARD)
             for path in (
                 *(f"../{SHARD}", f"/{SHARD}", f"sub/{SHARD}", f"\\{SHARD}", "..", ".", ""),
-                *(f"{SHARD}\n", f"{SHARD}\0", "train.parquet", MANIFEST),
+                *(f"{SHARD}\n", f"{SHARD}\0", "train.parquet", Manifest.FILE),
                 "test-00000-of-00001.parquet",
             )
         ),
@@ -177,7 +179,7 @@ def test_a_manifest_that_was_edited_is_refused(
 
 def test_the_fingerprint_of_a_dataset_depends_on_each_shard(small_dataset: Run) -> None:
     manifest = Manifest.read(small_dataset.folder)
-    written = json.loads((small_dataset.folder / MANIFEST).read_bytes())
+    written = json.loads((small_dataset.folder / Manifest.FILE).read_bytes())
     assert manifest.fingerprint == written["fingerprint"]
     for place, shard in enumerate(manifest.shards):
         other = Shard(**asdict(shard) | {"fingerprint": "0" * 64})
@@ -203,11 +205,11 @@ REBUILD = "build it again with overwrite=true, or download it again"
 def test_a_damaged_manifest_is_told_in_one_short_line_with_advice(
     folder: Path, raw: bytes, reason: str
 ) -> None:
-    (folder / MANIFEST).write_bytes(raw)
+    (folder / Manifest.FILE).write_bytes(raw)
     with pytest.raises(DatasetError) as caught:
         Manifest.read(folder)
     message = str(caught.value)
-    assert message.startswith(f"{folder / MANIFEST} cannot be read: {reason}")
+    assert message.startswith(f"{folder / Manifest.FILE} cannot be read: {reason}")
     assert message.endswith(REBUILD)
     assert len(message) < len(str(folder)) + 300
     assert message.isprintable()

@@ -12,7 +12,7 @@ import pytest
 from support.making import Run
 
 from labyrinth_core.data.errors import readable
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.rows import open_shard
 from pipeline.generation.table import read_schema
 
@@ -27,7 +27,7 @@ def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
     try:
         with open_shard(path) as file:
             file.read_row_group(0)
-        assert read_schema(path).equals(arrow_schema())
+        assert read_schema(path).equals(COLUMNS.arrow_schema())
         del file
         assert _metadata_in_memory() == before
     finally:

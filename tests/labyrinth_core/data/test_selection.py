@@ -19,7 +19,7 @@ from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest, TableFile
+from labyrinth_core.data.manifest import Manifest, TableFile
 from labyrinth_core.data.storage import File
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 
@@ -54,7 +54,7 @@ def ids_of(episodes):
 
 
 def filtered_by_hand(data_dir, split, keep):
-    rows = pq.read_table(data_dir / "3x4" / TABLE).to_pylist()
+    rows = pq.read_table(data_dir / "3x4" / Manifest.TABLE).to_pylist()
     return [int(row["labyrinth_id"], 16) for row in rows if row["split"] == split and keep(row)]
 
 
@@ -168,10 +168,10 @@ def test_labyrinths_are_those_of_the_table_that_a_filter_leaves(
 )
 def test_a_table_of_other_rows_than_the_shards_is_refused(data_dir, tmp_path, edit):
     folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
-    pq.write_table(edit(pq.read_table(folder / TABLE)), folder / TABLE)
+    pq.write_table(edit(pq.read_table(folder / Manifest.TABLE)), folder / Manifest.TABLE)
     manifest = Manifest.read(folder)
-    replace(manifest, labyrinths=TableFile(1, File(folder / TABLE).sha256())).write(folder)
-    with pytest.raises(DatasetError, match=rf"\A[^\n]*{TABLE}[^\n]*\Z"):
+    replace(manifest, labyrinths=TableFile(1, File(folder / Manifest.TABLE).sha256())).write(folder)
+    with pytest.raises(DatasetError, match=rf"\A[^\n]*{Manifest.TABLE}[^\n]*\Z"):
         list(load_episodes(folder.parent, "3x4", labyrinths=2))
 
 
@@ -191,7 +191,7 @@ def test_from_a_url_they_are_the_same(data_dir):
         ({"split": "s0", "revision": "v1"}, [f"s0-0000{n}-of-00003.parquet" for n in range(3)]),
         (
             {"split": "test", "labyrinths": 4},
-            [TABLE, *(f"test-0000{n}-of-00003.parquet" for n in (0, 1))],
+            [Manifest.TABLE, *(f"test-0000{n}-of-00003.parquet" for n in (0, 1))],
         ),
     ],
     ids=["all", "some"],
@@ -210,7 +210,7 @@ def test_from_the_hub_come_only_the_shards_that_hold_some(data_dir, monkeypatch,
     local = {name: options[name] for name in options if name != "revision"}
     assert ids_of(from_hub) == ids_of(load_episodes(data_dir, "3x4", **local))
     names = [name.removeprefix("3x4/") for names in calls for name in names]
-    assert [name for name in names if name != MANIFEST] == asked
+    assert [name for name in names if name != Manifest.FILE] == asked
 
 
 # Errors of a user.

@@ -11,7 +11,7 @@ from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
 from labyrinth_core.pictures import looks, observations
@@ -151,7 +151,7 @@ def test_a_place_is_the_number_of_a_state(datasets):
             arrays.numbers_of([places[1], wrong])
 
 
-@pytest.mark.parametrize("split", BASE_SPLITS)
+@pytest.mark.parametrize("split", SPLITS.base)
 def test_demonstrations_are_counted_step_by_step(datasets, split):
     arrays = load_arrays(datasets, "3x4", split, image_size=8)
     episodes = list(load_episodes(datasets, "3x4", split=split, draw=True))

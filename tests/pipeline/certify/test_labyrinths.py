@@ -12,13 +12,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.commands import refused
 from support.planting import labyrinths, transposed
 from support.tampering import folder_behind_link
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import ANALYSIS
-from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from pipeline.certify import stage
 from pipeline.certify.options import CertifyOptions
@@ -32,7 +33,7 @@ def run_on(make_run, data_dir, **options):
 @pytest.fixture
 def files(small_dataset, tmp_path):
     """A folder of files by split, two of which leak."""
-    texts = {split: labyrinths(small_dataset.folder, split) for split in SAMPLED_SPLITS}
+    texts = {split: labyrinths(small_dataset.folder, split) for split in SPLITS.sampled}
     images = [text for text in texts["train"] if transposed(text) != text]
     texts["test"] += [texts["validation"][0], transposed(images[0])]
     for split, of in texts.items():
@@ -169,7 +170,7 @@ def test_a_link_that_leads_nowhere_is_told_after_the_rest_is_certified(
 def test_a_dataset_in_parquet_is_certified_as_our_own_is(small_dataset, make_run, tmp_path):
     folder = shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
     analyse.run(make_run(folder, stages=["analyse"]))
-    own = json.loads((folder / "3x3" / ANALYSIS).read_bytes())
+    own = json.loads((folder / "3x3" / Manifest.ANALYSIS).read_bytes())
     _, pairs = certified(make_run, folder, tmp_path, "3x3")
     assert list(pairs.values()) == own["leakage"]["pairs"]
 
@@ -243,3 +244,15 @@ def test_no_analysis_is_written_through_a_link(files, make_run, tmp_path):
     with pytest.raises(DatasetError, match="analysis is a link, and nothing is written through it"):
         certified(make_run, files, tmp_path)
     assert list(elsewhere.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (["certify.config=a"], "certify.source=: give what to certify"),
+        (["certify.source=gymnasium:A-v0"], "certify.train=: give its seeds"),
+        (["certify.source=a.npy", "certify.test=0:9"], "certify.source=a.npy: labyrinths have"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused_in_one_line(options, message):
+    assert message in refused("stages=certify", *options)

@@ -1,7 +1,9 @@
 """Command lines and what they answer: exit status and output, as `command_lines.txt` holds them.
 
+Those of a wing are in a file of this name in the folder of its tests.
+
 Of the configuration that `--cfg job` prints, the file has the lines that differ from the defaults.
-`PYTHONPATH=.:tests python tests/pipeline/command/test_command_lines.py` writes the file again;
+`PYTHONPATH=.:tests python tests/pipeline/command/test_command_lines.py` writes the files again;
 `git diff` then shows what changed for a user.
 """
 
@@ -21,7 +23,7 @@ from support.quick_python import python
 
 pytestmark = pytest.mark.slow
 
-KEPT = Path(__file__).with_name("command_lines.txt")
+KEPT = sorted(Path(__file__).parents[1].glob("*/command_lines.txt"))
 
 FILES = {
     "own/mine.yaml": "defaults: [config, _self_]\nsize: 3\nrevision: '1.10'\n",
@@ -73,9 +75,10 @@ def block(line: str) -> str:
     return "\n".join([f"$ {line}", f"= {status}", *shown]) + "\n"
 
 
-def kept() -> dict[str, str]:
-    """Return the blocks of the file by their command lines."""
-    blocks = [f"$ {each}" for each in KEPT.read_text(encoding="utf-8").split("\n$ ")[1:]]
+def kept(*files: Path) -> dict[str, str]:
+    """Return the blocks of files, all by default, by their command lines."""
+    texts = [path.read_text(encoding="utf-8") for path in files or KEPT]
+    blocks = [f"$ {each}" for text in texts for each in text.split("\n$ ")[1:]]
     return {each.splitlines()[0].removeprefix("$ "): each for each in blocks}
 
 
@@ -89,4 +92,5 @@ def test_sixty_command_lines_are_written_down() -> None:
 
 
 if __name__ == "__main__":
-    KEPT.write_text("\n" + "\n".join(map(block, kept())), encoding="utf-8")
+    for path in KEPT:
+        path.write_text("\n" + "\n".join(map(block, kept(path))), encoding="utf-8")

@@ -62,7 +62,6 @@ def suggested(options: RunConfig, given: list[str]) -> list[str]:
         (["build", "validate", "analyse", "card"], "Next, to look at it in a browser: "),
         (["train", "evaluate"], "Next, to compare it with others: "),
         (["validate"], None),
-        (["results"], None),
     ],
 )
 def test_a_build_and_an_evaluation_say_what_can_be_done_next_and_no_other_stage(

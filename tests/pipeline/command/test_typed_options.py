@@ -64,14 +64,14 @@ def test_a_text_is_what_was_typed(text: str, name: str, start: str) -> None:
 def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     options = composed(
         *("revision=1.10", "++data_dir=2026_11", "evaluation.name=true", "size=3"),
-        *("export={folder:1.10,image_size:60}", "evaluation.splits=[1.50,test]"),
-        "certify.source=${revision}",
+        *("evaluation={author:1.10,gifs:60}", "evaluation.splits=[1.50,test]"),
+        "dataset=${revision}",
     ).options
     assert (options.revision, options.data_dir) == ("1.10", "2026_11")
-    assert (options.evaluation.name, options.size, options.export.folder) == ("true", "3", "1.10")
-    assert options.export.image_size == 60
-    assert options.evaluation.splits == ("1.50", "test")
-    assert options.certify.source == "1.10"
+    of_evaluation = options.evaluation
+    assert (of_evaluation.name, options.size, of_evaluation.author) == ("true", "3", "1.10")
+    assert (of_evaluation.gifs, of_evaluation.splits) == (60, ("1.50", "test"))
+    assert options.dataset == "1.10"
     assert composed("revision=null").options.revision is None
 
 
@@ -94,9 +94,9 @@ def test_a_wrong_value_of_a_list_without_brackets_is_told_what_to_give(name: str
 
 
 def test_one_value_of_a_list_is_the_list_of_it() -> None:
-    run = composed("shifts=one_wall", "stages=build", "export.splits=train", "evaluation.splits=s0")
+    run = composed("shifts=one_wall", "stages=build", "evaluation.splits=s0")
     assert (run.dataset.shifts, run.options.stages) == (("one_wall",), ("build",))
-    assert (run.options.export.splits, run.options.evaluation.splits) == (("train",), ("s0",))
+    assert run.options.evaluation.splits == ("s0",)
 
 
 @pytest.mark.parametrize("name", BOOLS)
@@ -125,19 +125,13 @@ def refused(argument: str) -> str:
     ("name", "advice"),
     [
         ("sise", "did you mean size?"),
-        ("results.replai", "did you mean results.replay?"),
         ("episodes", "did you mean evaluation.episodes?"),
         ("epochs", "did you mean method.epochs?"),
         ("evaluation.name.x", "did you mean evaluation.name?"),
-        ("certify.sorce", "did you mean certify.source?"),
         ("method.epoch", "did you mean method.epochs?"),
         ("method.learning_rat", "did you mean method.learning_rate?"),
         ("hydra.sweeep", "--help lists the options"),
-        (
-            "publish.xyz",
-            "choose from [publish.repo_id, publish.model, publish.export, publish.env, "
-            "publish.version, publish.dry_run, publish.private]",
-        ),
+        ("buckets.xyz", "choose from [buckets.train, buckets.validation, buckets.test]"),
         ("zzz", "--help lists the options"),
     ],
 )
@@ -148,7 +142,7 @@ def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
 
 
 @pytest.mark.parametrize(
-    "argument", ["method=[]", "method=[bc,dagger]", "publish=x", "buckets=[3]"]
+    "argument", ["method=[]", "method=[bc,dagger]", "evaluation=x", "buckets=[3]"]
 )
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
     with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):

@@ -20,7 +20,7 @@ from support.composing import composed
 from support.making import RunConfig, resolve
 
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
-from labyrinth_core.data.splits import SHIFTS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.command.composed import OPTIONS
@@ -210,7 +210,9 @@ def test_the_folder_of_a_dataset_is_not_taken_for_one_that_holds_datasets(tmp_pa
     ],
 )
 def test_all_shifts_are_those_that_make_sense(options: dict[str, Any], left_out: set[str]) -> None:
-    assert set(SHIFTS) - set(dataset(size="5", shifts=("all",), **options).shifts) == left_out
+    assert (
+        set(SPLITS.shifts) - set(dataset(size="5", shifts=("all",), **options).shifts) == left_out
+    )
 
 
 @pytest.mark.parametrize("task", list(Task))

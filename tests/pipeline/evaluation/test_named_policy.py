@@ -18,6 +18,7 @@ from support.quick_python import python
 
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
@@ -126,6 +127,20 @@ def test_the_folder_of_a_run_is_a_policy_whose_results_lie_beside_it(run_of, fol
     path = folder / "runs" / "3x3" / "planner-as-policy" / "results.json"
     assert Results.load(path).method.name == "planner as policy"
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
+
+
+def test_a_downloaded_policy_is_evaluated_beside_the_runs_though_it_has_the_record_of_its_run(
+    run_of, folder
+):
+    made = lay_out_run(
+        folder / "download", PolicySpec(NetworkSpec("mlp", 3, 3, "navigation"), False)
+    )
+    files = [f"{File(path).sha256()}  {path.name}\n" for path in sorted(made.iterdir())]
+    (made / "SHA256SUMS").write_text("".join(files), encoding="utf-8")
+    stage.run(run_of("download"))
+    results = Results.load(folder / "runs" / "3x3" / "download" / "results.json")
+    assert (results.method.name, results.run) == ("download", None)
+    assert results.policy.files.keys() == {"config.json", "model.safetensors"}
 
 
 @pytest.mark.slow

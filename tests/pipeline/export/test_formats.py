@@ -15,7 +15,7 @@ import pytest
 from support.exporting import SIZE, episodes, split_of
 from support.making import Run
 
-from labyrinth_core.data.manifest import TABLE
+from labyrinth_core.data.manifest import Manifest
 from pipeline.export import imitation, lerobot
 
 SPLITS = ("train", "random")
@@ -81,7 +81,7 @@ def test_the_frames_for_lerobot_are_the_rows_of_the_dataset(small_dataset: Run, 
     pictures = np.stack([np.asarray(each) for each in frames["observation.image"]])
     rows = frames.remove_columns("observation.image").with_format("numpy")[:]
     table = pq.read_table(folder / "meta/episodes").to_pylist()
-    ours = pq.read_table(small_dataset.folder / TABLE)
+    ours = pq.read_table(small_dataset.folder / Manifest.TABLE)
     by_first = {row["first_row"]: row for row in ours.to_pylist() if row["split"] == split}
     for number, episode in enumerate(episodes(small_dataset, split)):
         row = table[number]

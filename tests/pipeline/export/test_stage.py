@@ -17,16 +17,18 @@ from typing import Any
 
 import pyarrow.parquet as pq
 import pytest
+from support.commands import run
 from support.exporting import export, split_of
 from support.making import Run
 from support.tampering import content_of
 
 from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, TABLE
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS, ExportOptions
+from pipeline.config.stage import Job
 from pipeline.export import stage
 
 FORMATS = tuple(EXPORTS)
@@ -179,12 +181,12 @@ def test_a_library_that_is_missing_is_named_before_anything_is_read(
 
 def test_a_table_of_other_labyrinths_is_refused_and_leaves_nothing(small_dataset: Run, tmp_path):
     shutil.copytree(small_dataset.folder, tmp_path / "theirs" / "3x3")
-    path = tmp_path / "theirs" / "3x3" / TABLE
+    path = tmp_path / "theirs" / "3x3" / Manifest.TABLE
     table = pq.read_table(path)
     pq.write_table(table.take([*range(1, len(table)), 0]), path)
-    content = json.loads((path.parent / MANIFEST).read_bytes())
+    content = json.loads((path.parent / Manifest.FILE).read_bytes())
     content["labyrinths"] = {"bytes": path.stat().st_size, "sha256": File(path).sha256()}
-    (path.parent / MANIFEST).write_text(json.dumps(content), encoding="utf-8")
+    (path.parent / Manifest.FILE).write_text(json.dumps(content), encoding="utf-8")
     with pytest.raises(DatasetError, match="the table of labyrinths does not match its episodes"):
         export(small_dataset, tmp_path / "exports", "lerobot", dataset=str(tmp_path / "theirs"))
     assert [path.name for path in tmp_path.iterdir()] == ["theirs"]
@@ -257,3 +259,17 @@ def test_who_demonstrates_is_said_with_the_limit_of_routes_where_it_was_reached(
     run = build(tmp_path, size="4x4", labyrinths=5, **options)
     assert split_of(run, "train").demonstrator == demonstrator
     assert split_of(run, "random").demonstrator == "a uniformly random policy"
+
+
+@pytest.mark.slow
+def test_an_export_lies_beside_the_options_that_make_it_again(small_dataset: Run, tmp_path):
+    made, again = tmp_path / "made", tmp_path / "again"
+    for folder in (made, again):
+        folder.mkdir()
+    asked = ["size=3", f"data_dir={small_dataset.data_dir}", "stages=export", "export=imitation"]
+    assert run(made, *asked, "export.splits=test").returncode == 0
+    (config,) = made.rglob(Job.CONFIG)
+    assert f"  {Job.CONFIG}\n" in (config.parent / "SHA256SUMS").read_text()
+    done = run(again, "--config-dir", str(config.parent), "--config-name", "config")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert content_of(again) == content_of(made)

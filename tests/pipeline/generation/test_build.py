@@ -22,10 +22,10 @@ from support.making import Run
 from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
@@ -44,7 +44,7 @@ def rows_by_split(folder: Path) -> dict[str, Rows]:
     manifest = Manifest.read(folder)
     return {
         split: [row for shard in manifest.of(split) for row in read_rows(folder / shard.path)]
-        for split in BASE_SPLITS
+        for split in SPLITS.base
     }
 
 
@@ -82,7 +82,7 @@ def test_several_shards_hold_the_rows_that_one_holds(
     first, second = (build(tmp_path / name, cells_per_shard=3 * 9).folder for name in ("a", "b"))
     assert content_of(first) == content_of(second)
     manifest = Manifest.read(first)
-    for split in BASE_SPLITS:
+    for split in SPLITS.base:
         paths = [first / f"{split}-0000{number}-of-00003.parquet" for number in range(3)]
         assert [first / shard.path for shard in manifest.of(split)] == paths
         assert [len({row["info"] for row in read_rows(path)}) for path in paths] == [3, 3, 2]
@@ -127,8 +127,11 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
 def test_a_finished_folder_holds_shards_a_table_and_a_manifest_and_nothing_else(
     small_dataset: Run,
 ) -> None:
-    shards = {f"{split}-00000-of-00001.parquet" for split in BASE_SPLITS}
-    assert {path.name for path in small_dataset.folder.iterdir()} == shards | {TABLE, MANIFEST}
+    shards = {f"{split}-00000-of-00001.parquet" for split in SPLITS.base}
+    assert {path.name for path in small_dataset.folder.iterdir()} == shards | {
+        Manifest.TABLE,
+        Manifest.FILE,
+    }
     assert {path.name for path in small_dataset.data_dir.iterdir()} == {"3x3", "README.md"}
 
 
@@ -143,21 +146,21 @@ def test_the_schema_is_the_one_that_datasets_makes_of_the_features() -> None:
             "info": Value("string"),
         }
     )
-    assert arrow_schema().equals(features.arrow_schema, check_metadata=True)
-    assert arrow_schema().metadata == features.arrow_schema.metadata
+    assert COLUMNS.arrow_schema().equals(features.arrow_schema, check_metadata=True)
+    assert COLUMNS.arrow_schema().metadata == features.arrow_schema.metadata
 
 
 def test_row_groups_never_divide_an_episode(small_dataset: Run) -> None:
     groups = 0
     for shard in Manifest.read(small_dataset.folder).shards:
         with pq.ParquetFile(small_dataset.folder / shard.path) as file:
-            assert file.schema_arrow.equals(arrow_schema(), check_metadata=True)
+            assert file.schema_arrow.equals(COLUMNS.arrow_schema(), check_metadata=True)
             for group in range(file.num_row_groups):
                 rows = file.read_row_group(group).to_pylist()
                 assert rows[0]["episode_starts"]
                 assert rows[-1]["actions"] == -1
                 groups += 1
-    assert groups > len(BASE_SPLITS)
+    assert groups > len(SPLITS.base)
 
 
 @pytest.mark.slow
@@ -220,9 +223,9 @@ def test_load_dataset_reads_the_folder(small_dataset: Run) -> None:
         load_dataset(str(small_dataset.data_dir), "3x3"),
         rows_by_split(small_dataset.folder),
     )
-    assert list(loaded) == list(BASE_SPLITS)
+    assert list(loaded) == list(SPLITS.base)
     for split, dataset in loaded.items():
-        assert dataset.features.arrow_schema.equals(arrow_schema(), check_metadata=True)
+        assert dataset.features.arrow_schema.equals(COLUMNS.arrow_schema(), check_metadata=True)
         assert (dataset[0]["obs"].mode, dataset[0]["obs"].size) == ("RGB", (600, 600))
         assert dataset.remove_columns("obs").to_list() == [
             {name: value for name, value in row.items() if name != "obs"} for row in rows[split]
@@ -262,7 +265,7 @@ def test_the_routes_that_are_asked_for_are_there_exactly_once(
     options = {"size": "4", "open_walls": 0.4, "labyrinths": 6, "random_steps": 1}
     folder = build(tmp_path, **options, solutions=solutions).folder
     several = 0
-    for split in (*SAMPLED_SPLITS, "s0", "s0_and_g"):
+    for split in (*SPLITS.sampled, "s0", "s0_and_g"):
         for info, routes in routes_in(rows_by_split(folder)[split]):
             every = every_simple_route(info)
             shortest = [route for route in every if len(route) == min(map(len, every))]

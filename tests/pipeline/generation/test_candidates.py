@@ -16,12 +16,11 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
-from labyrinth_core.data import drawing
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
-from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.sampling import sample_structures
 from labyrinth_core.world.structure import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
@@ -68,8 +67,8 @@ def test_labyrinths_can_be_drawn_without_a_build(
 ) -> None:
     config = make_run(Path("nowhere"), size="4", labyrinths=20, **options).dataset
     taken = sample(config, Candidates(config, cells=CHUNKS)).structures
-    monkeypatch.setattr(drawing, "CELLS_PER_CHUNK", CHUNKS)
-    for split in SAMPLED_SPLITS:
+    monkeypatch.setattr(Drawing, "CELLS_PER_CHUNK", CHUNKS)
+    for split in SPLITS.sampled:
         structures = unpack(config, taken[split])
         assert list(islice(Drawing(config).labyrinths(split), config.labyrinths)) == [
             Drawing(config).labyrinth(split, each) for each in structures

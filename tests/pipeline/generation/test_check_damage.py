@@ -27,8 +27,8 @@ from support.tampering import (
 )
 
 from labyrinth_core.data import rows as reading
-from labyrinth_core.data.format import arrow_schema
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.structure import Structure
@@ -51,7 +51,7 @@ def test_a_file_that_may_be_huge_is_not_read(
                 shard["rows"] += 1
     monkeypatch.delattr(pq.ParquetFile, "iter_batches")
     found = problems(folder)
-    assert len(found) == len(BASE_SPLITS)
+    assert len(found) == len(SPLITS.base)
     assert all(f".parquet: {expected}" in problem for problem in found)
 
 
@@ -220,7 +220,7 @@ def test_a_field_that_holds_nothing_is_found(folder: Path, row: int, column: str
     column, _, part = column.partition(".")
     holder, key = (rows[row]["obs"], part) if part else (rows[row], column)
     holder[key] = None
-    write(folder, "train", pa.Table.from_pylist(rows, schema=arrow_schema()))
+    write(folder, "train", pa.Table.from_pylist(rows, schema=COLUMNS.arrow_schema()))
     assert f"{TRAIN} row {row} {column}: no value" in problems(folder)
 
 
@@ -228,7 +228,7 @@ def test_text_that_is_not_utf8_is_found(folder: Path) -> None:
     def change(table: pa.Table) -> pa.Table:
         raw = pa.array([b"\xff\xfe"] * len(table), pa.binary()).view(pa.string())
         return table.set_column(
-            table.schema.get_field_index("info"), arrow_schema().field("info"), raw
+            table.schema.get_field_index("info"), COLUMNS.arrow_schema().field("info"), raw
         )
 
     changed_table(folder, change)
@@ -298,7 +298,7 @@ def test_hostile_pictures_are_found(folder: Path) -> None:
     rows = read_rows(folder / RANDOM)
     for row, picture in zip(rows[2:], HOSTILE_PICTURES.values(), strict=False):
         row["obs"]["bytes"] = picture
-    write(folder, "random", pa.Table.from_pylist(rows, schema=arrow_schema()))
+    write(folder, "random", pa.Table.from_pylist(rows, schema=COLUMNS.arrow_schema()))
     found = problems(folder)
     places = dict(enumerate(HOSTILE_PICTURES, start=2))
     assert [name for n, name in places.items() if not names(found, n, "obs", RANDOM)] == []

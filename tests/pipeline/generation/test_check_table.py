@@ -17,8 +17,8 @@ from support.making import Run
 from support.tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import TABLE_COLUMNS, arrow_schema
-from labyrinth_core.data.manifest import TABLE, Manifest, table_file
+from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data.manifest import Manifest, table_file
 from labyrinth_core.data.storage import File
 
 pytestmark = pytest.mark.slow
@@ -39,7 +39,7 @@ def folder(made: Path, tmp_path: Path) -> Path:
 
 def write(folder: Path, table: pa.Table, *, agree: bool = True, **options: int) -> None:
     """Write the table, and a manifest that agrees."""
-    path = folder / TABLE
+    path = folder / Manifest.TABLE
     pq.write_table(table, path, **options)
     if agree:
         with manifest_of(folder) as content:
@@ -48,49 +48,53 @@ def write(folder: Path, table: pa.Table, *, agree: bool = True, **options: int) 
 
 def test_a_table_that_is_right_has_no_problems_however_it_is_written(folder: Path) -> None:
     assert problems(folder) == []
-    write(folder, pq.read_table(folder / TABLE))
+    write(folder, pq.read_table(folder / Manifest.TABLE))
     assert problems(folder) == []
 
 
 def test_a_value_that_was_changed_in_any_column_is_named_with_its_row(folder: Path) -> None:
     """A column is changed in the first row, the next column two rows below, and so on."""
-    rows, expected = read_rows(folder / TABLE), set()
+    rows, expected = read_rows(folder / Manifest.TABLE), set()
     for row, name in zip([*range(0, 36, 2), 35], rows[0], strict=True):
         old = rows[row][name]
         new = "0123456789abcdef" if isinstance(old, str) or name == "parent_id" else (old or 0) + 1
         rows[row][name] = new
-        expected.add(f"{TABLE} row {row} {name}: {new!r}, but the shard gives {old!r}")
-    write(folder, pa.Table.from_pylist(rows, schema=arrow_schema(TABLE_COLUMNS)))
+        expected.add(f"{Manifest.TABLE} row {row} {name}: {new!r}, but the shard gives {old!r}")
+    write(folder, pa.Table.from_pylist(rows, schema=TABLE_COLUMNS.arrow_schema()))
     found = problems(folder)
     assert {*found} == expected
     assert len(found) == len(TABLE_COLUMNS)
 
 
 def test_what_only_the_hash_shows_is_found(folder: Path) -> None:
-    write(folder, pq.read_table(folder / TABLE), agree=False)
+    write(folder, pq.read_table(folder / Manifest.TABLE), agree=False)
     (problem,) = problems(folder)
-    assert problem.startswith(f"{TABLE}: sha256 ")
+    assert problem.startswith(f"{Manifest.TABLE}: sha256 ")
     with pytest.raises(DatasetError, match="damaged: its sha256 is not the manifest's"):
         table_file(folder, Manifest.read(folder)).__enter__()
 
 
 def test_a_table_of_other_columns_or_of_fewer_rows_is_found(folder: Path) -> None:
-    table = pq.read_table(folder / TABLE)
+    table = pq.read_table(folder / Manifest.TABLE)
     write(folder, table.drop_columns(["loops"]))
-    assert problems(folder) == [f"{TABLE}: its columns are not those of a table of labyrinths"]
+    assert problems(folder) == [
+        f"{Manifest.TABLE}: its columns are not those of a table of labyrinths"
+    ]
     write(folder, table.slice(1))
-    assert problems(folder) == [f"{TABLE}: 35 rows, but the manifest has 36 labyrinths"]
+    assert problems(folder) == [f"{Manifest.TABLE}: 35 rows, but the manifest has 36 labyrinths"]
 
 
 @pytest.mark.parametrize("content", [b"", b"PAR1" * 9, None])
 def test_a_table_that_is_missing_or_no_parquet_file_is_found(
     folder: Path, content: bytes | None
 ) -> None:
-    (folder / TABLE).unlink()
+    (folder / Manifest.TABLE).unlink()
     if content is not None:
-        (folder / TABLE).write_bytes(content)
+        (folder / Manifest.TABLE).write_bytes(content)
     (problem,) = problems(folder)
-    assert problem.startswith(f"{TABLE} {'is missing' if content is None else 'cannot be read: '}")
+    assert problem.startswith(
+        f"{Manifest.TABLE} {'is missing' if content is None else 'cannot be read: '}"
+    )
 
 
 def test_rows_that_are_wrong_are_reported_once(folder: Path) -> None:
@@ -116,9 +120,9 @@ def test_the_table_is_read_in_no_thread_of_arrow(
     opened = Path.open
 
     def noting(path: Path, mode: str = "r", **options: Any) -> Any:
-        return Noting(path) if path.name == TABLE else opened(path, mode, **options)
+        return Noting(path) if path.name == Manifest.TABLE else opened(path, mode, **options)
 
-    write(folder, pq.read_table(folder / TABLE), row_group_size=1)
+    write(folder, pq.read_table(folder / Manifest.TABLE), row_group_size=1)
     monkeypatch.setattr(Path, "open", noting)
     assert problems(folder) == []
     assert set(threads) == {threading.get_ident()}

@@ -15,7 +15,7 @@ from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first
 
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SAMPLED_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.rules import Task
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
@@ -87,7 +87,7 @@ def test_it_goes_with_other_options(build: Build, tmp_path: Path, options: dict[
     assert problems(run.folder) == []
 
 
-@pytest.mark.parametrize("split", SAMPLED_SPLITS)
+@pytest.mark.parametrize("split", SPLITS.sampled)
 def test_every_labyrinth_has_ends_of_its_own_that_are_far_enough_apart(
     varied: Run, split: str
 ) -> None:
@@ -122,7 +122,7 @@ def test_no_structure_of_a_split_is_a_rotation_or_reflection_of_one_in_another(t
     """Any image may have its ends turned as well, and be the same labyrinth then."""
     of = {
         split: [{*parse(each.text).structure.symmetries()} for each in shown(tiny.folder, split)]
-        for split in SAMPLED_SPLITS
+        for split in SPLITS.sampled
     }
     owner = {image: split for split in of for images in of[split] for image in images}
     for split, found in of.items():
@@ -135,7 +135,7 @@ def test_no_structure_of_a_split_is_a_rotation_or_reflection_of_one_in_another(t
 
 def test_a_structure_is_where_it_would_be_with_fixed_goals(tiny: Run) -> None:
     """So nothing that a policy learns from is in test of any dataset with the same buckets."""
-    for split in SAMPLED_SPLITS:
+    for split in SPLITS.sampled:
         for each in shown(tiny.folder, split):
             assert parse(each.text).structure.split(tiny.dataset.buckets) == split
 
@@ -154,7 +154,7 @@ def test_another_seed_draws_other_ends(build: Build, tmp_path: Path, tiny: Run) 
 @pytest.mark.parametrize(
     ("splits", "words"),
     [
-        ((*SAMPLED_SPLITS, "longer"), "not the labyrinth that its structure gives with this seed"),
+        ((*SPLITS.sampled, "longer"), "not the labyrinth that its structure gives with this seed"),
         (("recoloured",), "start and goal are not changed as the split says"),
     ],
 )

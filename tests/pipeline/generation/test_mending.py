@@ -23,7 +23,7 @@ from support.tampering import (
 )
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, TABLE, Manifest
+from labyrinth_core.data.manifest import Manifest
 from pipeline.inspection import analyse
 from pipeline.machinery.artifact import leave
 
@@ -76,7 +76,7 @@ def test_a_shard_that_was_changed_and_has_an_old_time_is_made_anew(
     before = content_of(folder)
     change(folder / TRAIN)
     for path in folder.iterdir():
-        os.utime(path, (1, 2 if path.name == MANIFEST else 1))
+        os.utime(path, (1, 2 if path.name == Manifest.FILE else 1))
     build(folder.parent)
     assert content_of(folder) == before
 
@@ -104,7 +104,7 @@ def test_a_shard_that_this_version_would_not_make_is_named(build: Build, folder:
 
 
 @pytest.mark.parametrize("target", ["mine", "nowhere"])
-@pytest.mark.parametrize("name", [TEST, TABLE])
+@pytest.mark.parametrize("name", [TEST, Manifest.TABLE])
 def test_mending_replaces_a_link_and_not_its_target(
     build: Build, folder: Path, tmp_path: Path, name: str, target: str
 ) -> None:
@@ -265,7 +265,7 @@ def test_a_damaged_manifest_is_replaced_only_when_that_is_asked_for(
     build: Build, folder: Path, content: bytes
 ) -> None:
     before = content_of(folder)
-    (folder / MANIFEST).write_bytes(content)
+    (folder / Manifest.FILE).write_bytes(content)
     with pytest.raises(DatasetError, match=r"cannot be read: .*; build it again with overwrite="):
         build(folder.parent)
     build(folder.parent, overwrite=True)

@@ -15,7 +15,7 @@ from support.tampering import problems
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import TABLE
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver
@@ -80,5 +80,5 @@ def test_an_episode_that_ends_on_ice_after_as_many_moves_as_a_shortest_route_is_
         )
         assert loaded.optimal is not None
         optimal = loaded.optimal[np.arange(len(loaded)), np.asarray(loaded.actions)]
-        table = read_table(run.folder / TABLE, filters=[("split", "=", split)])
+        table = read_table(run.folder / Manifest.TABLE, filters=[("split", "=", split)])
         assert sum(table["optimal_actions"].to_pylist()) == optimal.sum()

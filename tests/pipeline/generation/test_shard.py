@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.making import Run
 
-from labyrinth_core.data.format import NUMBERS
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.storage import File
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
@@ -88,7 +88,7 @@ rows = st.builds(
     Row,
     obs=st.just(b""),
     obs_path=st.just(""),
-    numbers=st.tuples(*(VALUES_OF_KIND[column.dtype.kind] for column in NUMBERS)),
+    numbers=st.tuples(*(VALUES_OF_KIND[column.dtype.kind] for column in COLUMNS.numbers)),
     info=st.text(max_size=9),
     picture_digest=st.binary(min_size=16, max_size=16),
 )

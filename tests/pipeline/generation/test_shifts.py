@@ -19,7 +19,7 @@ from support.tampering import problems, replace_first, rows_of, with_a_wall_open
 from labyrinth_core import load_transitions
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SHIFTS, SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Look
@@ -36,7 +36,7 @@ from pipeline.machinery import console
 Build = Callable[..., Run]
 
 OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20}
-WITHOUT_LONGER = tuple(name for name in SHIFTS if name not in ("longer", "wilson", "trees"))
+WITHOUT_LONGER = tuple(name for name in SPLITS.shifts if name not in ("longer", "wilson", "trees"))
 """The search for `longer` takes long on tasks with tiles, and ice cannot lie in trees."""
 
 CASES: dict[str, tuple[str, ...]] = {
@@ -89,7 +89,7 @@ def test_the_splits_of_every_dataset_stay_as_they_are(
     build: Build, plain: Run, tmp_path: Path
 ) -> None:
     expected = Manifest.read(build(tmp_path, **OPTIONS).folder)
-    assert expected.config.splits == BASE_SPLITS
+    assert expected.config.splits == SPLITS.base
     found = Manifest.read(plain.folder)
     assert found.shards[: len(expected.shards)] == expected.shards
     assert {shard.split for shard in found.shards} == set(found.config.splits)

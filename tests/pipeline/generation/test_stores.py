@@ -12,7 +12,7 @@ from support.s3_server import S3Server, bucket, content_of, memory, server
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
-from labyrinth_core.data.manifest import MANIFEST, Manifest
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File, folder_at
 from pipeline.generation import build as generation
 from pipeline.generation import check as validation
@@ -71,7 +71,7 @@ def test_in_a_store_a_dataset_that_is_being_replaced_is_none_until_the_new_one_i
     server.fault = denied(".parquet", 0)
     with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
         build(bucket, overwrite=True)
-    assert not (folder_at(bucket) / "3x3" / MANIFEST).exists()
+    assert not (folder_at(bucket) / "3x3" / Manifest.FILE).exists()
     server.fault = lambda _method, _path: False
     assert content_of(build(bucket).data_dir) == content_of(small_dataset.data_dir)
 
@@ -90,7 +90,7 @@ def denied(part: str, times: int) -> Callable[[str, str], bool]:
 
 @pytest.mark.parametrize(
     ("part", "times"),
-    [("config.json", 0), (".parquet", 3), (".shard", 3), (MANIFEST, 0)],
+    [("config.json", 0), (".parquet", 3), (".shard", 3), (Manifest.FILE, 0)],
 )
 def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_not_whole(
     build: Build, server: S3Server, bucket: str, small_dataset: Run, part: str, times: int
@@ -99,10 +99,10 @@ def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_n
     with pytest.raises((DatasetError, OSError), match=f"{bucket}|quota"):
         build(bucket)
     folder = folder_at(bucket) / "3x3"
-    assert not (folder / MANIFEST).exists()
+    assert not (folder / Manifest.FILE).exists()
     finished = {path.name for path in (folder.parent / ".3x3.building").glob("*.shard")}
     server.fault = lambda _method, _path: False
-    damaged = {TRAIN.replace(".parquet", ".shard")} if part == MANIFEST else set()
+    damaged = {TRAIN.replace(".parquet", ".shard")} if part == Manifest.FILE else set()
     if damaged:
         File(folder / TRAIN).write_bytes((folder / TRAIN).read_bytes()[:-1] + b"?")  # As long.
     server.requests.clear()
@@ -111,7 +111,7 @@ def test_an_upload_that_fails_leaves_no_dataset_and_the_next_run_makes_what_is_n
     uploads = [path.rpartition("/")[2] for method, path in server.requests if method == "PUT"]
     made_again = {path.replace(".parquet", ".shard") for path in uploads if ".parquet" in path}
     assert made_again & finished == damaged
-    manifest_at = uploads.index(MANIFEST)
+    manifest_at = uploads.index(Manifest.FILE)
     assert not any(".parquet" in path for path in uploads[manifest_at:])
 
 
@@ -129,4 +129,4 @@ def test_a_shard_that_did_not_arrive_keeps_the_manifest_away(
     monkeypatch.setattr(generation, "make_shard", lose)
     with pytest.raises(DatasetError, match="has no s0-00000-of-00001"):
         build(memory)
-    assert not (folder_at(memory) / "3x3" / MANIFEST).exists()
+    assert not (folder_at(memory) / "3x3" / Manifest.FILE).exists()

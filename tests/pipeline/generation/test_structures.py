@@ -21,12 +21,11 @@ from support.making import Run
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
 from labyrinth_core.world.structure import BUCKETS, Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
-from pipeline.generation import structures as generation
 from pipeline.generation.candidates import unpack
 from pipeline.generation.structures import check_capacity, sample
 
@@ -68,7 +67,7 @@ def test_structures_are_unique_and_connected_and_where_their_hash_says(
     """So none is in two splits, neither of this dataset nor of any two with the same buckets."""
     config = config_of(**options)
     splits = structures_of(config)
-    assert list(splits) == list(SAMPLED_SPLITS)
+    assert list(splits) == list(SPLITS.sampled)
     everything = [passages_of(s) for structures in splits.values() for s in structures]
     assert len(set(everything)) == len(everything) == 3 * config.labyrinths
     assert all(is_connected(config.height, config.width, each) for each in everything)
@@ -105,10 +104,10 @@ def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure
     structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]
     for buckets in (BUCKETS, (80, 15, 5)):
         counts = Counter(structure.split(buckets) for structure in structures)
-        for split, percent in zip(SAMPLED_SPLITS, buckets, strict=True):
+        for split, percent in zip(SPLITS.sampled, buckets, strict=True):
             assert abs(counts[split] / 40 - percent) < 3
     assert len(connected_3x3) == 431
-    assert set(Counter(s.split(BUCKETS) for s in connected_3x3)) == set(SAMPLED_SPLITS)
+    assert set(Counter(s.split(BUCKETS) for s in connected_3x3)) == set(SPLITS.sampled)
 
 
 # How many there can be.
@@ -126,7 +125,7 @@ def test_the_capacity_of_3x3_is_what_brute_force_counts(
     check_capacity(config_of(size="5", labyrinths=10**9))  # These are not counted.
     with pytest.raises(ConfigError) as caught:
         check_capacity(config_of(labyrinths=most + 1, buckets=buckets))
-    listed = ", ".join(f"{counts[split]} in {split}" for split in SAMPLED_SPLITS)
+    listed = ", ".join(f"{counts[split]} in {split}" for split in SPLITS.sampled)
     assert str(caught.value) == (
         f"size=3x3 labyrinths={most + 1}: there can be {listed}; ask for labyrinths={most} or fewer"
     )
@@ -137,7 +136,7 @@ def test_every_structure_of_3x3_can_come_up(
 ) -> None:
     counts = Counter(structure.split(BUCKETS) for structure in connected_3x3)
     most = min(counts.values())
-    full = next(split for split in SAMPLED_SPLITS if counts[split] == most)
+    full = next(split for split in SPLITS.sampled if counts[split] == most)
     found = structures_of(config_of(labyrinths=most))
     expected = {s for s in connected_3x3 if s.split(BUCKETS) == full}
     assert set(found[full]) == expected
@@ -185,7 +184,7 @@ def test_more_labyrinths_than_there_are_or_can_be_found_are_refused(
     words: str,
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(generation, "PATIENCE", 500)
+    monkeypatch.setattr(Drawing, "PATIENCE", 500)
 
     def drawn(config: DatasetConfig) -> None:
         check_capacity(config)
@@ -222,7 +221,7 @@ def test_structures_of_two_splits_are_as_many_walls_apart_as_asked_for(
     least = [
         min(walls_between(a, b) for a in found[first] for b in found[second])
         for found in (plain, apart)
-        for first, second in combinations(SAMPLED_SPLITS, 2)
+        for first, second in combinations(SPLITS.sampled, 2)
     ]
     assert min(least[:3]) < walls <= min(least[3:])
     assert apart == structures_of(config)
@@ -239,7 +238,7 @@ def test_no_two_structures_share_their_randomness(
     structures = structures_of(config)["train"]
     draws = [
         Drawing(config).rng(split, structure).integers(2**62)
-        for split in BASE_SPLITS
+        for split in SPLITS.base
         for structure in structures
     ]
     assert len(set(draws)) == len(draws)

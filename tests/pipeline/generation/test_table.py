@@ -26,8 +26,8 @@ from support.tampering import Rows, read_rows
 
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import TABLE, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SAMPLED_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -42,7 +42,7 @@ CONFIGS = ["3x4", "3x4-partial_observability", "3x4-key_and_door", "3x4-icy_floo
 
 
 def table_of(folder: Path) -> Rows:
-    return list(pq.read_table(folder / TABLE).to_pylist())
+    return list(pq.read_table(folder / Manifest.TABLE).to_pylist())
 
 
 def expected_table(folder: Path) -> Rows:
@@ -50,7 +50,7 @@ def expected_table(folder: Path) -> Rows:
     table: Rows = []
     manifest = Manifest.read(folder)
     train: dict[str, str] = {}
-    for split in BASE_SPLITS:
+    for split in SPLITS.base:
         rows = [row for shard in manifest.of(split) for row in read_rows(folder / shard.path)]
         first = 0
         for info, grouped in groupby(rows, lambda row: str(row["info"])):
@@ -58,7 +58,7 @@ def expected_table(folder: Path) -> Rows:
             found = expected_row(info, own) | {"split": split, "first_row": first}
             if split == "train":
                 train[found["structure_id"]] = found["labyrinth_id"]
-            found["parent_id"] = None if split in SAMPLED_SPLITS else train[found["structure_id"]]
+            found["parent_id"] = None if split in SPLITS.sampled else train[found["structure_id"]]
             found["turns"] = None if split == "random" else found["turns"]
             table.append(found)
             first += len(own)
@@ -110,7 +110,7 @@ def test_every_row_is_what_the_shards_say(datasets: Path, config: str) -> None:
     folder = datasets / config
     found = table_of(folder)
     assert found == expected_table(folder)
-    assert len(found) == 5 * len(BASE_SPLITS)
+    assert len(found) == 5 * len(SPLITS.base)
     assert [*found[0]] == [column.name for column in TABLE_COLUMNS]
 
 
@@ -139,7 +139,7 @@ def test_shards_and_row_groups_may_end_anywhere(
     path = tmp_path / "table.parquet"
     monkeypatch.setattr(table, "GROUP_ROWS", 5)
     table.write_table(path, manifest.config, parts)
-    assert pq.read_table(path).equals(pq.read_table(folder / TABLE))
+    assert pq.read_table(path).equals(pq.read_table(folder / Manifest.TABLE))
     with pq.ParquetFile(path) as file:
         sizes = [file.metadata.row_group(n).num_rows for n in range(file.num_row_groups)]
     assert sizes == [6, 5, 5] * 3

@@ -17,7 +17,7 @@ from support.making import Run
 from support.tampering import content_of, identities
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST
+from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import LocalFile
 
 Build = Callable[..., Run]
@@ -77,14 +77,16 @@ def test_an_old_dataset_that_was_being_replaced_is_put_back_or_removed(
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("moment", ["before the move", "after the move", MANIFEST, "README.md"])
+@pytest.mark.parametrize(
+    "moment", ["before the move", "after the move", Manifest.FILE, "README.md"]
+)
 def test_a_crash_costs_no_shard_and_leaves_nothing_in_the_end(
     build: Build, tmp_path: Path, small_dataset: Run, moment: str
 ) -> None:
     with crash(moment):
         build(tmp_path)
     moved = moment in ("after the move", "README.md")
-    assert (tmp_path / "3x3" / MANIFEST).exists() == moved
+    assert (tmp_path / "3x3" / Manifest.FILE).exists() == moved
     written = [] if moment.endswith("the move") else [f".{moment}."]
     assert [path.name[: len(moment) + 2] for path in tmp_path.rglob("*.tmp")] == written
     made = identities(tmp_path / ("3x3" if moved else ".3x3.building/shards"))

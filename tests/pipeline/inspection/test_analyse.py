@@ -8,8 +8,8 @@ import shutil
 import pytest
 from support.planting import labyrinths
 
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from pipeline.inspection import analyse
 
@@ -30,11 +30,11 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     analysed, make_run, capsys
 ):
     run_on(make_run, analysed.parent)
-    content = json.loads((analysed / ANALYSIS).read_bytes())
+    content = json.loads((analysed / Manifest.ANALYSIS).read_bytes())
     assert content["fingerprint"] == Manifest.read(analysed).fingerprint
     leakage, shift = content["leakage"], content["shift"]
-    assert leakage["labyrinths"] == dict.fromkeys(BASE_SPLITS, 8)
-    assert leakage["repeated"] == dict.fromkeys(BASE_SPLITS, 0)
+    assert leakage["labyrinths"] == dict.fromkeys(SPLITS.base, 8)
+    assert leakage["repeated"] == dict.fromkeys(SPLITS.base, 0)
     assert leakage["strangers"] == {"random": [], "s0": [], "s0_and_g": []}
     for pair in leakage["pairs"]:
         assert pair["equal"] == pair["mirrored"] == {}
@@ -53,13 +53,13 @@ def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it
     assert shown == [
         "Leakage: no structure is in two splits, and none is repeated.",
         *turned,
-        f"Wrote {analysed / ANALYSIS} (near-duplicates, tests of shift).",
+        f"Wrote {analysed / Manifest.ANALYSIS} (near-duplicates, tests of shift).",
     ]
 
 
 @pytest.mark.slow
 def test_workers_and_another_run_change_no_byte(analysed, make_run):
     run_on(make_run, analysed.parent)
-    before = (analysed / ANALYSIS).read_bytes()
+    before = (analysed / Manifest.ANALYSIS).read_bytes()
     run_on(make_run, analysed.parent, workers=2)
-    assert (analysed / ANALYSIS).read_bytes() == before
+    assert (analysed / Manifest.ANALYSIS).read_bytes() == before

@@ -13,8 +13,8 @@ from support.making import Run
 from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import MANIFEST, TABLE
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from pipeline.inspection import front_matter
 
 Build = Callable[..., Run]
@@ -43,7 +43,10 @@ def test_the_card_lists_every_finished_config_with_the_sizes_of_its_files(
         assert info["config_name"] == name
         for file, counted in zip(config["data_files"], info["splits"], strict=True):
             split = file["split"]
-            assert file["path"] in (f"{folder}/{split}-*-of-00001.parquet", f"{folder}/{TABLE}")
+            assert file["path"] in (
+                f"{folder}/{split}-*-of-00001.parquet",
+                f"{folder}/{Manifest.TABLE}",
+            )
             (path,) = tmp_path.glob(file["path"])
             assert counted == {
                 "name": split,
@@ -51,7 +54,7 @@ def test_the_card_lists_every_finished_config_with_the_sizes_of_its_files(
                 "num_examples": pq.read_metadata(path).num_rows,
             }
         splits = [file["split"] for file in config["data_files"]]
-        assert splits == (["labyrinths"] if name in tables else list(BASE_SPLITS))
+        assert splits == (["labyrinths"] if name in tables else list(SPLITS.base))
         total = sum(counted["num_bytes"] for counted in info["splits"])
         assert info["download_size"] == info["dataset_size"] == total
 
@@ -97,9 +100,9 @@ def test_leftovers_and_copies_of_datasets_are_no_configs(build: Build, tmp_path:
     run = build(tmp_path, labyrinths=1)
     for name in (".4x4.building", ".3x3.replaced", "backup", "9x9"):
         (tmp_path / name).mkdir()
-        (tmp_path / name / MANIFEST).write_bytes((run.folder / MANIFEST).read_bytes())
+        (tmp_path / name / Manifest.FILE).write_bytes((run.folder / Manifest.FILE).read_bytes())
     (tmp_path / "web").mkdir()
-    (tmp_path / "web" / MANIFEST).write_text('{"short_name": "an app"}')
+    (tmp_path / "web" / Manifest.FILE).write_text('{"short_name": "an app"}')
     front_matter.update(tmp_path)
     assert [config["config_name"] for config in front_of(tmp_path)["configs"]] == [
         "3x3",

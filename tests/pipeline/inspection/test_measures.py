@@ -11,7 +11,7 @@ from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -48,7 +48,7 @@ def rows_of(dataset, split):
 
 
 def test_what_a_split_holds_is_what_its_rows_say(dataset, contents):
-    for split in BASE_SPLITS:
+    for split in SPLITS.base:
         rows, content = rows_of(dataset, split), contents[split]
         assert list(content.labyrinths) == list(dict.fromkeys(labyrinth for labyrinth, *_ in rows))
         for number, labyrinth in enumerate(content.labyrinths):

@@ -12,9 +12,9 @@ from support.tampering import cut_short
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import arrow_schema
+from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -41,7 +41,7 @@ def episodes(folder, split):
     ]
 
 
-@pytest.mark.parametrize("split", BASE_SPLITS)
+@pytest.mark.parametrize("split", SPLITS.base)
 @pytest.mark.parametrize("name", [DEFAULT, OTHER])
 def test_every_number_is_what_replaying_the_rows_gives(both, name, split):
     folder = both / name
@@ -83,7 +83,7 @@ def test_every_number_is_what_replaying_the_rows_gives(both, name, split):
 
 
 def test_the_examples_are_the_first_labyrinths_with_their_first_episodes(both):
-    for split in BASE_SPLITS:
+    for split in SPLITS.base:
         first = dict.fromkeys(labyrinths(both / OTHER, split))
         for labyrinth, episode, of in reversed(episodes(both / OTHER, split)):
             first[of[0]["info"]] = (labyrinth, tuple(episode.actions.tolist()))
@@ -164,7 +164,7 @@ def put_first(folder, text):
             "is damaged: its sha256 is not the manifest's; delete it, and build",
         ),
         (
-            lambda folder: write(folder, "train", arrow_schema().empty_table()),
+            lambda folder: write(folder, "train", COLUMNS.arrow_schema().empty_table()),
             "holds 0 labyrinths",
         ),
         (

@@ -26,8 +26,8 @@ from support.planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import ANALYSIS, MANIFEST, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS, SPLITS, is_of_train
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS, is_of_train
 from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
@@ -92,11 +92,11 @@ def table(markdown: str, *headings: str) -> list[dict[str, str]]:
 
 def test_the_numbers_of_rows_are_those_of_the_shards(carded):
     rows = {row["split"]: row for row in table(text(carded), "split", DEFAULT, OTHER)}
-    assert list(rows) == [*BASE_SPLITS, "all rows", "MB"]
+    assert list(rows) == [*SPLITS.base, "all rows", "MB"]
     total = 0
     for name in (DEFAULT, OTHER):
         counts = {}
-        for split in BASE_SPLITS:
+        for split in SPLITS.base:
             paths = (carded / name).glob(f"{split}-*.parquet")
             counts[split] = sum(pq.read_metadata(path).num_rows for path in paths)
             assert rows[split][name] == f"{counts[split]:,}"
@@ -149,7 +149,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     options = {"stages": ["analyse"], "size": DEFAULT, "labyrinths": 7, "data_dir": str(folder)}
     analyse.run(resolve(RunConfig(**options)))
     card.write_card(folder)
-    pairs = json.loads((folder / DEFAULT / ANALYSIS).read_bytes())["leakage"]["pairs"]
+    pairs = json.loads((folder / DEFAULT / Manifest.ANALYSIS).read_bytes())["leakage"]["pairs"]
     lines = table(text(folder), "config", "same route")
     assert [line["splits"].replace("`", "") for line in lines] == [
         f"{pair['first']}, {pair['second']}" for pair in pairs
@@ -163,9 +163,9 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
         assert line["same route"] == str(len(pair["same_route"]))
     near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
     assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
-    assert f"{DEFAULT}/{ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
+    assert f"{DEFAULT}/{Manifest.ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
 
-    path = folder / DEFAULT / ANALYSIS
+    path = folder / DEFAULT / Manifest.ANALYSIS
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b'"spread": "', b'"spread": "9', 1))
     refused(folder, r"analysis\.json cannot be read: .*its sha256 is not the one in SHA256SUMS")
@@ -470,7 +470,11 @@ def refused(folder: Path, message: str) -> None:
             "is damaged: it has 7 bytes, and the manifest says [0-9]+; delete it, and build",
         ),
         (f"{DEFAULT}/labyrinths.parquet", "damaged", r"labyrinths\.parquet is damaged: its sha256"),
-        (f"{DEFAULT}/{ANALYSIS}", "{", r"analysis\.json cannot be read: .*; stages=analyse"),
+        (
+            f"{DEFAULT}/{Manifest.ANALYSIS}",
+            "{",
+            r"analysis\.json cannot be read: .*; stages=analyse",
+        ),
     ],
 )
 def test_a_file_that_is_damaged_or_of_something_else_is_refused(folder, name, content, message):
@@ -479,10 +483,12 @@ def test_a_file_that_is_damaged_or_of_something_else_is_refused(folder, name, co
 
 
 def test_an_analysis_of_other_rows_is_neither_shown_nor_published(folder):
-    (folder / DEFAULT / ANALYSIS).write_text('{"fingerprint": "of other rows"}', encoding="utf-8")
+    (folder / DEFAULT / Manifest.ANALYSIS).write_text(
+        '{"fingerprint": "of other rows"}', encoding="utf-8"
+    )
     card.write_card(folder)
     assert "walls to the nearest" not in text(folder)
-    assert f"{DEFAULT}/{ANALYSIS}" not in files_of(folder)
+    assert f"{DEFAULT}/{Manifest.ANALYSIS}" not in files_of(folder)
 
 
 @pytest.mark.parametrize("mark", [front_matter.BEGIN, front_matter.END])
@@ -492,7 +498,7 @@ def test_a_readme_with_one_mark_only_is_refused(folder, mark):
 
 
 def test_a_dataset_without_its_manifest_is_named_and_not_left_out(folder):
-    (folder / "3x4-key_and_door" / MANIFEST).unlink()
+    (folder / "3x4-key_and_door" / Manifest.FILE).unlink()
     refused(folder, r"3x4-key_and_door is a dataset without its manifest\.json: move it away, and")
     shutil.move(folder / "3x4-key_and_door", folder.parent)
     card.write_card(folder)

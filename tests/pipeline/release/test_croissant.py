@@ -13,8 +13,8 @@ import pytest
 from PIL import Image
 from support.planting import DEFAULT, OTHER
 
-from labyrinth_core.data.manifest import TABLE, Manifest
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
 from pipeline.release import card
 from pipeline.release.texts import Release
@@ -67,7 +67,7 @@ def test_every_record_that_is_streamed_is_the_row(carded, name):
     for path in sorted((carded / name).glob("*-of-*.parquet")):
         split = path.name.split("-")[0]
         states += [row | {"split": split} for row in pq.read_table(path).to_pylist()]
-    labyrinths = pq.read_table(carded / name / TABLE).to_pylist()
+    labyrinths = pq.read_table(carded / name / Manifest.TABLE).to_pylist()
     for config, rows in ((name, states), (f"{name}-labyrinths", labyrinths)):
         records = list(read(carded).records(config))
         assert len(records) == len(rows) > 0
@@ -84,7 +84,7 @@ def test_every_parquet_file_is_there_with_its_hash_and_size(carded):
     }
     there = {path.relative_to(carded).as_posix() for path in carded.glob("*/*.parquet")}
     assert set(files) == there
-    assert len(there) == 2 * len(BASE_SPLITS) + 2
+    assert len(there) == 2 * len(SPLITS.base) + 2
     for path, part in files.items():
         assert part["sha256"] == File(carded / path).sha256()
         assert part["contentSize"] == f"{(carded / path).stat().st_size} B"

@@ -25,7 +25,7 @@ from support.publishing import (
     run_script,
 )
 
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from pipeline.release.faults import reasons
 
 pytestmark = pytest.mark.slow
@@ -108,7 +108,7 @@ def test_the_three_sizes_are_released_by_one_command_and_loaded_as_they_were_bui
     acting = rows["5x5 train"] - 3  # Without the last state of each episode.
     assert results["card"] == [600, 600, acting]
     assert list(rows) == [
-        *(f"{config} {split}" for config in configs for split in BASE_SPLITS),
+        *(f"{config} {split}" for config in configs for split in SPLITS.base),
         *(f"{config}-labyrinths labyrinths" for config in configs),
     ]
     assert min(rows.values()) > 0

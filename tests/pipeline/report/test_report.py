@@ -10,6 +10,7 @@ from functools import reduce
 from operator import getitem
 
 import pytest
+from support.commands import run
 from support.reporting import METHOD, analyse, evaluate, evaluate_own
 from support.tampering import content_of, folder_behind_link
 
@@ -17,7 +18,7 @@ from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import ANALYSIS, Manifest
+from labyrinth_core.data.manifest import Manifest
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES
@@ -99,7 +100,7 @@ def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
     counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
     assert found["pairs"][0]["counts"] == counts
     assert found["pairs"][0]["spread"] == "0, 4"
-    (folder / ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
+    (folder / Manifest.ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
     assert read_analysis(Dataset.at(folder, manifest)) is None
 
 
@@ -239,7 +240,7 @@ def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
     if place:
         *path, last = place
         reduce(getitem, path, content)[last] = value
-    (folder / ANALYSIS).write_text(json.dumps(content) if place else value)
+    (folder / Manifest.ANALYSIS).write_text(json.dumps(content) if place else value)
     with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it again$"):
         read_analysis(Dataset.at(folder))
 
@@ -283,3 +284,9 @@ def test_no_report_is_written_through_a_link(data_dir, tmp_path):
     with pytest.raises(DatasetError, match="report is a link, and nothing is written through it"):
         write_report(data_dir, tmp_path)
     assert list(elsewhere.iterdir()) == []
+
+
+def test_the_stage_is_about_all_datasets_and_needs_no_size(data_dir, tmp_path):
+    for named in ([], ["size=3"]):
+        done = run(tmp_path, f"data_dir={data_dir}", "stages=report", *named)
+        assert done.returncode == 0, done.stderr

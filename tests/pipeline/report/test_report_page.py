@@ -19,7 +19,7 @@ from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import memorised
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import BASE_SPLITS
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -180,7 +180,7 @@ def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report,
     )
     names = [manifest.config.name for manifest in finished(reported)]
     assert [(name, split) for name, split, _ in packed] == [
-        (n, s) for n in names for s in BASE_SPLITS
+        (n, s) for n in names for s in SPLITS.base
     ]
     for name, split, labyrinths in packed:
         held = defaultdict(list)
