@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from math import prod
 from pathlib import Path
 from textwrap import fill
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -227,7 +227,10 @@ class Results:
             fingerprint=file.dataset.fingerprint,
             **vars(file.evaluated),
             splits=splits,
-            baselines=cast(Any, file.baselines),
+            baselines={
+                name: {split: vars(by_split[split]) for split in splits}
+                for name, by_split in file.baselines.items()
+            },
             run=file.run,
             method=file.method,
             judged=file.judged,

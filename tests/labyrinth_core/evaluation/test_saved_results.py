@@ -353,6 +353,11 @@ NO_RUN = r"it\.run\..* is .*, not .*"
         ("baselines.oracle.test", {}, "it.baselines.oracle.test has no sr"),
         ("baselines.oracle", {}, "it.baselines.oracle has no s0"),
         ("baselines.stranger", {}, "it.baselines has a name that is 'stranger', not .*"),
+        (
+            "baselines.random.test.train",
+            0.1,
+            "it.baselines.random.test has train, which is unknown",
+        ),
         ("baselines.random.test.spl", -0.1, "it.baselines.random.test.spl is -0.1, .*"),
         ("splits.test.moves.0.3", 2.5, r"it.splits.test.moves\[0\]\[3\] is 2.5, not .*"),
         ("splits.test.moves.0.3", 0, r"it.splits.test.moves\[0\]\[3\] is 0, not .*"),
