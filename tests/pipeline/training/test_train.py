@@ -61,7 +61,13 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert torch.equal(torch.get_rng_state(), before)
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CONFIG, CURVES, WEIGHTS, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        HASHES,
+        CONFIG,
+        CURVES,
+        WEIGHTS,
+        RECORD,
+    ]
     record = record_of(run)
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64
