@@ -20,7 +20,7 @@ from support.quick_python import python
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
-from labyrinth_core.policies.spec import RECORD, WEIGHTS
+from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train
@@ -74,7 +74,9 @@ def test_missing_curves_are_drawn_again_and_changed_ones_are_named(
     assert f"{path} was missing, and is drawn again." in printed
     assert f"{path} was damaged or changed: delete it to have it drawn again." in printed
     (path.parent / WEIGHTS).write_bytes(b"damaged")
-    with pytest.raises(DatasetError, match=r"holds policy.* damaged or changed since it was made"):
+    with pytest.raises(
+        DatasetError, match=f"holds {WEIGHTS}, damaged or changed since it was made"
+    ):
         train.run(run)
 
 
@@ -102,7 +104,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert require_finished(folder) == 2
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
-        assert there == [HASHES, CURVES, "notes.txt", WEIGHTS, RECORD]
+        assert there == [HASHES, CONFIG, CURVES, WEIGHTS, "notes.txt", RECORD]
     assert moments > 15
     assert displaced == 1  # Between the two renames, from which the next run recovers.
 

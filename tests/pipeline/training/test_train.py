@@ -19,7 +19,7 @@ from support.making import Run
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.pictures import looks
-from labyrinth_core.policies.spec import WEIGHTS
+from labyrinth_core.policies.spec import CONFIG, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
@@ -61,7 +61,13 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert torch.equal(torch.get_rng_state(), before)
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
-    assert sorted(path.name for path in folder.iterdir()) == [HASHES, CURVES, WEIGHTS, RECORD]
+    assert sorted(path.name for path in folder.iterdir()) == [
+        HASHES,
+        CONFIG,
+        CURVES,
+        WEIGHTS,
+        RECORD,
+    ]
     record = record_of(run)
     assert record["run"]["settings"]["epochs"] == 3
     assert len(record["run"]["fingerprint"]) == 64
