@@ -269,7 +269,7 @@ def test_what_a_user_asks_hydra_to_keep_of_a_sweep_is_kept(tmp_path: Path) -> No
         assert f"labyrinths={int(number) + 1}" in kept
 
 
-@pytest.mark.parametrize("name", ["resolve", "as_file", "as_given", "next_command"])
+@pytest.mark.parametrize("name", ["resolve", "options_of", "as_given", "next_command"])
 def test_a_bug_in_the_handling_of_options_gets_its_traceback(tmp_path: Path, name: str) -> None:
     program = f"""
 import sys
