@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 
 pytestmark = pytest.mark.slow
 
@@ -35,7 +35,7 @@ def test_a_recipe_is_short_and_stands_by_itself(recipe):
 
 def test_plain_pytorch_learns_its_demonstrations(small_dataset):
     results = run("plain_pytorch", folder=small_dataset.data_dir, config="3x3", epochs=100)
-    assert tuple(results.splits) == EVALUATED_SPLITS
+    assert tuple(results.splits) == SPLITS.evaluated
     assert results.splits["train"].sr == 1
 
 

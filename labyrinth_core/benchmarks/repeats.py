@@ -120,7 +120,7 @@ def check_seeds(protocol: Protocol, seeds: Sequence[int]) -> Check:
             places.append("in new interpreters")
     spaces: dict[str, int] = {}
     for found in once:
-        if found.space:
+        if found.space and " object at 0x" not in found.space:  # Without a text of its own.
             spaces.setdefault(found.space, found.seed)
     if len(spaces) > 1:
         each = ", ".join(f"{space:.60} at seed {seed}" for space, seed in spaces.items())

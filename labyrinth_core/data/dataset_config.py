@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import MISSING, asdict, dataclass, field, fields
-from typing import Any, get_args, get_type_hints
+from typing import Any, ClassVar, get_args, get_type_hints
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.source_text import parse_size
@@ -17,9 +17,6 @@ from labyrinth_core.world.structure import Structure
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""
-
-CONFIG_NAME = re.compile(rf"\d+x\d+(-({'|'.join(Task)}))?", re.ASCII)
-"""The names of the configs of datasets; a folder with another name, such as a build's, is none."""
 
 GOALS = ("fixed", "varied")
 """Start and goal in train, validation and test: in the corners, or drawn for each labyrinth."""
@@ -58,6 +55,9 @@ class DatasetConfig:
         ValueError: A value is not allowed; the message names the option, the value and what is
             allowed.
     """
+
+    NAME: ClassVar[re.Pattern[str]] = re.compile(rf"\d+x\d+(-({'|'.join(Task)}))?", re.ASCII)
+    """The names of datasets' configs; other folders, such as a build's, have other names."""
 
     height: int
     width: int
@@ -203,7 +203,8 @@ _DEFAULTS = {e.name: e.default for e in fields(DatasetConfig) if e.default is no
 _COMMAND_LINE = {e.name: e.metadata.get("name") or e.name for e in fields(DatasetConfig)}
 """Field -> its name on the command line."""
 
-_KINDS = get_type_hints(DatasetConfig) | {"task": str}
+_HINTS = get_type_hints(DatasetConfig)
+_KINDS = {each.name: _HINTS[each.name] for each in fields(DatasetConfig)} | {"task": str}
 """Field of the JSON object -> type, with tuples for lists."""
 
 

@@ -129,6 +129,12 @@ class LoadedEpisode:
         """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
         return not self.terminated
 
+    @property
+    def beginning(self) -> tuple[int, int]:
+        """The id of the labyrinth, and the index of its first state, see `state_index`."""
+        labyrinth = parse(self.info)
+        return self.labyrinth_id, labyrinth.state_index(labyrinth.initial)
+
     def copy(self) -> LoadedEpisode:
         """Return the episode with arrays of its own."""
         return LoadedEpisode(

@@ -10,7 +10,7 @@ from itertools import chain
 from pathlib import Path
 from posixpath import normpath
 
-from labyrinth_core.data.dataset_config import CONFIG_NAME
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, readable
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import AnyPath, folder_at
@@ -132,11 +132,13 @@ def why_unavailable(source: str, error: Exception) -> str:
 
 
 def _has_episodes(folder: AnyPath) -> bool:
-    return (folder / Manifest.FILE).is_file() and CONFIG_NAME.fullmatch(folder.name) is not None
+    return (folder / Manifest.FILE).is_file() and DatasetConfig.NAME.fullmatch(
+        folder.name
+    ) is not None
 
 
 def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
     names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{Manifest.FILE}"))
-    held = sorted(filter(CONFIG_NAME.fullmatch, names))
+    held = sorted(filter(DatasetConfig.NAME.fullmatch, names))
     none = f"no dataset: it has no {Manifest.FILE}, which `push_to_hub` of `datasets` leaves out"
     return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

@@ -86,6 +86,9 @@ class Splits(dict[str, Split]):
     base = (*sampled, "random", "s0", "s0_and_g")
     """The splits that every dataset has."""
 
+    evaluated = ("train", "validation", "test", "s0", "s0_and_g")
+    """The splits on which a trained policy is evaluated."""
+
     @property
     def shifts(self) -> tuple[str, ...]:
         """The splits that a dataset may add, in the order in which a dataset has them."""

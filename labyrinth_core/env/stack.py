@@ -13,9 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.many import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.gallery import LOOKS
 from labyrinth_core.pictures.vector import (
-    VectorArray,
     initial_vector,
     initial_vectors,
     show_states,
@@ -51,7 +49,7 @@ class Stack:
         self.initial_vectors = np.zeros((count, task.rules.positions + entries), np.int32)
         """The `vector.initial_vector` of each labyrinth."""
         self.looks = np.zeros(count, np.intp)
-        """The look of each labyrinth, as an index of `LOOKS`."""
+        """The look of each labyrinth, as an index in `Look`."""
 
     def load(self, place: int, labyrinth: Labyrinth, tables: Tables) -> None:
         """Put a labyrinth into a place."""
@@ -75,7 +73,7 @@ class Stack:
         places: NDArray[np.int64],
         tables: Tables,
         texts: list[str],
-        vectors: VectorArray,
+        vectors: NDArray[np.int32],
         look: Look,
     ) -> None:
         first = self._first[places]
@@ -87,7 +85,7 @@ class Stack:
         self._optimal[places] = tables.optimal_actions
         self._names[:, places] = [labyrinth_id(text) for text in texts], texts
         self.initial_vectors[places] = vectors
-        self.looks[places] = LOOKS.index(look)
+        self.looks[places] = [*Look].index(look)
         self._changed(places)
 
     def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:
@@ -146,9 +144,9 @@ class Stack:
             "is_success": distance == 0,
         }
 
-    def vectors(self) -> VectorArray:
+    def vectors(self) -> NDArray[np.int32]:
         """Return `vector.vector_observation` of each agent, a new array, shape (count, length)."""
-        vectors: VectorArray = self.initial_vectors.copy()
+        vectors: NDArray[np.int32] = self.initial_vectors.copy()
         visible = self.visible() if self._task.rules.hides else None
         show_states(vectors, self._height, self._width, self._task, self.states(), visible)
         return vectors

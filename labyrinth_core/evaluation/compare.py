@@ -31,7 +31,7 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Drawing
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.rules import RULES
@@ -190,7 +190,7 @@ def compare(
         drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))
         solved = []
         for player, spec in players:
-            arrays = as_arrays(drawn, spec)
+            arrays = LabyrinthArrays.of_labyrinths(drawn, spec)
             if player.forgets and not found.labyrinths:
                 require_repeatable(player, arrays, "give it a second argument rng to draw from")
             solved.append(play_once(player, arrays, steps).solved)

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted, memory_of
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, as_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import ROUNDED, attempts, play_once, require_repeatable
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
@@ -56,7 +56,7 @@ def check_policy(
         player = Player.of(fit, seed=0)
     labyrinths = {sample_labyrinth(height, width, Task(task), rng) for _ in range(4 * LABYRINTHS)}
     some = sorted(labyrinths, key=str)[:LABYRINTHS]
-    arrays = as_arrays(some, spec)
+    arrays = LabyrinthArrays.of_labyrinths(some, spec)
     if player.reset is None:
         _check_function(player, arrays)
     else:
@@ -88,11 +88,11 @@ def _check_episodes(
     policy: Any, player: Player, labyrinths: list[Labyrinth], spec: ObservationSpec
 ) -> None:
     """Check a policy with reset and act."""
-    arrays = as_arrays(labyrinths, spec)
+    arrays = LabyrinthArrays.of_labyrinths(labyrinths, spec)
     with _promised("reset(count) begins count episodes, and act answers with an action for each."):
         first = _played(policy, arrays)
     with _promised("act answers with actions, for one episode as for several."):
-        alone = _played(policy, as_arrays(labyrinths[:1], spec))
+        alone = _played(policy, LabyrinthArrays.of_labyrinths(labyrinths[:1], spec))
     with _promised("reset(count) forgets all earlier episodes: the same ones go the same way."):
         assert _are_alike(first, _played(policy, arrays))
     if _are_alike(first, _played(policy, arrays, seed=1)):  # Else it draws at random.

@@ -21,7 +21,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
 from labyrinth_core.evaluation.playing import require_repeatable, step_through
 from labyrinth_core.evaluation.replanner import replan
@@ -149,7 +149,7 @@ class Evaluation:
         learnt = run.first_labyrinths if run is not None and known else None
         kind = observation or self.spec.observation
         shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
-        return arrays_in(data.of_first(split, learnt), shown)
+        return LabyrinthArrays.of(data.of_first(split, learnt), shown)
 
     def results(
         self,
@@ -269,7 +269,7 @@ class Evaluation:
         if not alike or other.fingerprint != run.fingerprint:
             return None
         shown = ObservationSpec("vector", self.spec.image_size, draw=True)
-        return arrays_in(other["train"].filter(labyrinths=run.first_labyrinths), shown)
+        return LabyrinthArrays.of(other["train"].filter(labyrinths=run.first_labyrinths), shown)
 
 
 _LABYRINTHS = ("height", "width", "task")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.pictures.observations import ObservationSpec
@@ -122,7 +122,7 @@ class KnownDataset:
             raise ValueError(f"{name}: {self.place} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
-            return arrays_in(self.data.of_first(split, learnt), ObservationSpec("vector"))
+            return LabyrinthArrays.of(self.data.of_first(split, learnt), ObservationSpec("vector"))
 
         if (name, learnt) not in self._splits:
             if learnt not in self._memories:

@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import Filter
 from labyrinth_core.data.datasets import Dataset, Selection
-from labyrinth_core.data.episodes import LoadedEpisode, replayed
+from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -93,6 +93,60 @@ class LabyrinthArrays:
         ids, states = self.labyrinth_ids[self.labyrinth].tolist(), self.state.tolist()
         return {place: index for index, place in enumerate(zip(ids, states, strict=True))}
 
+    @classmethod
+    def of(cls, selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
+        """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`."""
+        held: dict[int, Labyrinth] = {}
+        episodes: list[tuple[Place, NDArray[np.int64]]] = []
+        part = selection.part()
+        try:
+            for block in replayed(part.rows(pictures=False), part.config):
+                ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
+                for number, labyrinth in zip(ids, block.parsed(), strict=True):
+                    held.setdefault(number, labyrinth)
+                for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+                    place = ids[block.which[first]], int(block.states[first])
+                    episodes.append((place, rows.actions[first:last].copy()))
+            if not held:
+                raise DatasetError(f"split={selection.split} has no episodes")
+            return _stack(list(held.values()), list(held), episodes, spec, hold=True)
+        except MemoryError as error:
+            count = sum(each.labyrinths for each in part.shards)
+            count = count if part.spans is None else len(part.spans[0])
+            needed = (
+                STATE_BYTES * count * max((each.state_count for each in held.values()), default=0)
+            )
+            raise DatasetError(
+                f"split={selection.split}: the states of {count:,} labyrinths take about "
+                f"{needed / 1e9:,.1f} GB, and what is seen in them up to 1 GB, more than there is "
+                "memory: give fewer labyrinths"
+            ) from error
+
+    @classmethod
+    def of_labyrinths(
+        cls,
+        labyrinths: Sequence[Labyrinth],
+        spec: ObservationSpec,
+        routes: Iterable[Iterable[NDArray[np.int64]]] = (),
+    ) -> LabyrinthArrays:
+        """Return labyrinths of one size and task as arrays.
+
+        States are observed when they are indexed, since a policy sees few of those of large
+        labyrinths.
+
+        Args:
+            labyrinths: The labyrinths.
+            spec: How the states are observed.
+            routes: The actions of the episodes of each labyrinth, which begin at its start.
+        """
+        ids = [int(labyrinth_id(each), 16) for each in labyrinths]
+        episodes = [
+            ((number, labyrinth.state_index(labyrinth.initial)), actions)
+            for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
+            for actions in of_one
+        ]
+        return _stack(labyrinths, ids, episodes, spec, hold=False)
+
     def numbers_of(self, places: Sequence[Place]) -> NDArray[np.int64]:
         """Return the index of the state in each of N places, shape (N,).
 
@@ -111,12 +165,6 @@ class LabyrinthArrays:
     def step_limit(self) -> int:
         """The number of steps after which an episode is cut."""
         return RULES.step_limit * self.cells
-
-
-def first_place(episode: LoadedEpisode) -> Place:
-    """Return the place in which an episode of a dataset begins."""
-    labyrinth = parse(episode.info)
-    return episode.labyrinth_id, labyrinth.state_index(labyrinth.initial)
 
 
 def _numbers_of(
@@ -171,57 +219,7 @@ def load_arrays(
     """
     spec = ObservationSpec(observation, image_size, draw=True, resize=resize)
     data = Dataset(source, config, revision)
-    return arrays_in(data[split].filter(where, labyrinths=labyrinths), spec)
-
-
-def arrays_in(selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
-    """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`."""
-    held: dict[int, Labyrinth] = {}
-    episodes: list[tuple[Place, NDArray[np.int64]]] = []
-    part = selection.part()
-    try:
-        for block in replayed(part.rows(pictures=False), part.config):
-            ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
-            for number, labyrinth in zip(ids, block.parsed(), strict=True):
-                held.setdefault(number, labyrinth)
-            for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
-                place = ids[block.which[first]], int(block.states[first])
-                episodes.append((place, rows.actions[first:last].copy()))
-        if not held:
-            raise DatasetError(f"split={selection.split} has no episodes")
-        return _stack(list(held.values()), list(held), episodes, spec, hold=True)
-    except MemoryError as error:
-        count = sum(each.labyrinths for each in part.shards)
-        count = count if part.spans is None else len(part.spans[0])
-        needed = STATE_BYTES * count * max((each.state_count for each in held.values()), default=0)
-        raise DatasetError(
-            f"split={selection.split}: the states of {count:,} labyrinths take about "
-            f"{needed / 1e9:,.1f} GB, and what is seen in them up to 1 GB, more than there is "
-            "memory: give fewer labyrinths"
-        ) from error
-
-
-def as_arrays(
-    labyrinths: Sequence[Labyrinth],
-    spec: ObservationSpec,
-    routes: Iterable[Iterable[NDArray[np.int64]]] = (),
-) -> LabyrinthArrays:
-    """Return labyrinths of one size and task as arrays.
-
-    States are observed when they are indexed, since a policy sees few of those of large labyrinths.
-
-    Args:
-        labyrinths: The labyrinths.
-        spec: How the states are observed.
-        routes: The actions of the episodes of each labyrinth, which begin at its start.
-    """
-    ids = [int(labyrinth_id(each), 16) for each in labyrinths]
-    episodes = [
-        ((number, labyrinth.state_index(labyrinth.initial)), actions)
-        for number, labyrinth, of_one in zip(ids, labyrinths, routes, strict=False)
-        for actions in of_one
-    ]
-    return _stack(labyrinths, ids, episodes, spec, hold=False)
+    return LabyrinthArrays.of(data[split].filter(where, labyrinths=labyrinths), spec)
 
 
 def _stack(

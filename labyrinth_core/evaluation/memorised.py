@@ -28,7 +28,7 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import counted_actions, decisions, require_repeatable
 from labyrinth_core.evaluation.twins import (
     FIRST_SEED,
@@ -232,7 +232,7 @@ def memorised(
     shown = ObservationSpec(spec.observation, spec.image_size, draw=True, resize=spec.resize)
     receipt = receipt_of(
         player,
-        arrays_in(data[split], shown),
+        LabyrinthArrays.of(data[split], shown),
         train,
         split=split,
         controls=controls,

@@ -10,7 +10,6 @@ from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import Column, Columns
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
@@ -20,10 +19,6 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import TILES, Action
 from labyrinth_core.world.solver import Solver
 
-QUESTIONS = "questions"
-"""The suffix of the config with a dataset's questions, which has no episodes."""
-NOT_ASKED = ("train", "validation", "random")
-"""The splits for training and model selection, which have no questions."""
 SMALL_PICTURE = 300
 MOST_ROUTES = 1_000
 """The most shortest routes that a question may have; 5x5 without walls has 70."""
@@ -66,11 +61,6 @@ _DRAWN = (
 )
 _PICTURED = "The picture shows a labyrinth of {size} from above, with lines as walls."
 _SIGNS = {"agent": "@", "goal": "E"} | {tile.name: tile.letter for tile in TILES}
-
-
-def question_splits(config: DatasetConfig) -> tuple[str, ...]:
-    """Return the splits of a dataset that have questions: test and the shifts."""
-    return tuple(split for split in config.splits if split not in NOT_ASKED)
 
 
 def question(labyrinth: Labyrinth | str) -> dict[str, Any]:

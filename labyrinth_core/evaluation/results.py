@@ -9,12 +9,13 @@ from dataclasses import asdict, dataclass, fields
 from math import prod
 from pathlib import Path
 from textwrap import fill
-from typing import Any, cast
+from typing import Any, ClassVar
 
 import numpy as np
 
 from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
@@ -28,27 +29,15 @@ from labyrinth_core.evaluation.results_form import (
     ResultsFile,
     check_receipt,
 )
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL, Scores
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.language.collection import files_in
 from labyrinth_core.language.source_text import parse_size, printable_line
 from labyrinth_core.version import __version__
-
-RESULTS = "results.json"
-"""The name of the file that the stage `evaluate` writes."""
-
-LARGEST = 1 << 28
-"""The largest file that is read, in bytes; five splits of 100,000 labyrinths take 16 million."""
 
 COLUMNS = 80
 """The width of tables and legends, which fits a terminal."""
 
 HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
-LEGEND = (
-    fill(" ".join(WHY_SPL.split()), COLUMNS),
-    "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
-    "known: SR where an optimal route is part of a route that train demonstrates;\n"
-    "new: SR elsewhere. All in percent, except AER, the average episodic return.",
-)
 FAILURES = "Failed episodes by kind:"
 WITHOUT_LEARNING = "SPL/SR of baselines without learning; the optimum has 100/100:"
 REPLANNER_LEGEND = """\
@@ -59,6 +48,17 @@ with memory, and without."""
 @dataclass(frozen=True, eq=False, repr=False)
 class Results:
     """The results of a policy on the splits of a dataset."""
+
+    FILE: ClassVar[str] = "results.json"
+    """The name of the file that the stage `evaluate` writes."""
+    LARGEST: ClassVar[int] = 1 << 28
+    """The largest file that is read, in bytes; five splits of 100,000 labyrinths take 16 MB."""
+    LEGEND: ClassVar[tuple[str, str]] = (
+        fill(" ".join(Scores.WHY_SPL.split()), COLUMNS),
+        "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
+        "known: SR where an optimal route is part of a route that train demonstrates;\n"
+        "new: SR elsewhere. All in percent, except AER, the average episodic return.",
+    )
 
     dataset: str
     """The folder, or the id on the Hub."""
@@ -121,7 +121,7 @@ class Results:
 
     def legend(self) -> list[str]:
         """Return what the columns of `tables` mean, in parts."""
-        return [*LEGEND, *[REPLANNER_LEGEND] * (REPLANNERS[0] in self.baselines)]
+        return [*Results.LEGEND, *[REPLANNER_LEGEND] * (REPLANNERS[0] in self.baselines)]
 
     def _title(self) -> str:
         shown = self.observation
@@ -192,8 +192,8 @@ class Results:
         try:
             if not place.is_file():
                 raise ValueError("it is not a file")
-            if place.stat().st_size > LARGEST:
-                raise ValueError(f"it has more than {LARGEST:,} bytes")
+            if place.stat().st_size > cls.LARGEST:
+                raise ValueError(f"it has more than {cls.LARGEST:,} bytes")
             return cls.from_json(File(place).read_json(), datasets)
         except (OSError, ValueError, RecursionError) as error:
             raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
@@ -212,7 +212,7 @@ class Results:
         for split, played in file.splits.items():
             with _of(split):
                 splits[split] = played.scores(cells, file.evaluated.episodes)
-        missing = [split for split in EVALUATED_SPLITS if split not in splits]
+        missing = [split for split in SPLITS.evaluated if split not in splits]
         if not splits or (file.run is not None and missing):
             raise ValueError(f"it has no results on {', '.join(missing)}")
         for name, by_split in file.baselines.items():
@@ -227,7 +227,10 @@ class Results:
             fingerprint=file.dataset.fingerprint,
             **vars(file.evaluated),
             splits=splits,
-            baselines=cast(Any, file.baselines),
+            baselines={
+                name: {split: vars(by_split[split]) for split in splits}
+                for name, by_split in file.baselines.items()
+            },
             run=file.run,
             method=file.method,
             judged=file.judged,
@@ -374,4 +377,4 @@ def submissions_in(folder: Path) -> list[tuple[Path, str]]:
 
 def results_in(run_dir: Path) -> list[Path]:
     """Return the results files of all runs in a folder of runs; hidden folders are skipped."""
-    return sorted(run_dir.glob(f"[!.]*/[!.]*/{RESULTS}"))
+    return sorted(run_dir.glob(f"[!.]*/[!.]*/{Results.FILE}"))

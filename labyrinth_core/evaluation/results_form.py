@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any, Literal, TypedDict
+from typing import Annotated, Any, Literal
 
 import numpy as np
 
@@ -41,7 +41,8 @@ _EXACT = 1e-12
 sixteen digits differently."""
 
 
-class Figures(TypedDict):
+@dataclass(frozen=True)
+class Figures:
     """The figures of a baseline on a split."""
 
     sr: typed.Share

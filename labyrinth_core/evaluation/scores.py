@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,14 +14,6 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
 from labyrinth_core.world.rules import RULES
 
-EVALUATED_SPLITS = ("train", "validation", "test", "s0", "s0_and_g")
-"""The splits on which a trained policy is evaluated."""
-
-WHY_SPL = """\
-SPL (success weighted by path length) comes before SR (success rate), because SR rewards wandering:
-within 40 steps per cell even random steps solve most labyrinths."""
-"""The sentence printed with every table of scores."""
-
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 """The shares of optimal actions; see `Scores`."""
 
@@ -29,6 +21,12 @@ ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 @dataclass(frozen=True, eq=False)
 class Scores:
     """The results of episodes in each of L labyrinths, and the accuracy over all their states."""
+
+    WHY_SPL: ClassVar[str] = (
+        "SPL (success weighted by path length) comes before SR (success rate), because SR rewards "
+        "wandering:\nwithin 40 steps per cell even random steps solve most labyrinths."
+    )
+    """The sentence printed with every table of scores."""
 
     episodes: Episodes
     """The results, of shape (L,), or (E, L) for E episodes in each labyrinth."""
@@ -44,6 +42,28 @@ class Scores:
     known_route: NDArray[np.bool_] | None = None
     """Whether an optimal route of each labyrinth is a demonstrated route of train or a part of one,
     shape (L,), as computed by `TrainMemory.figures`; None if unknown."""
+
+    @staticmethod
+    def by_labyrinth(values: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the mean of the episodes in each labyrinth, shape (L,), from (L,) or (E, L).
+
+        Several episodes are of one policy, so they say nothing about other seeds.
+        """
+        means: NDArray[np.float64] = np.atleast_2d(values).mean(axis=0, dtype=np.float64)
+        return means
+
+    @staticmethod
+    def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
+        """Return the interval of the mean return; see `interval`.
+
+        A return below that of an episode that is cut, as on ice, counts as possible only if there
+        is one.
+
+        Args:
+            returns: The mean return for each seed and labyrinth, shape (seeds, labyrinths).
+        """
+        lowest = min(-RULES.step_limit * RULES.step_penalty, float(returns.min()))
+        return interval(returns, ends=(lowest, RULES.goal_reward))
 
     @classmethod
     def of(cls, episodes: Episodes, arrays: LabyrinthArrays) -> Scores:
@@ -146,8 +166,10 @@ class Scores:
                 for name in OUTCOMES
                 if name in episodes.outcomes[~episodes.solved]
             },
-            "sr_interval": list(interval(by_labyrinth(episodes.solved)[None])),
-            "aer_interval": list(return_interval(by_labyrinth(episodes.returns)[None])),
+            "sr_interval": list(interval(Scores.by_labyrinth(episodes.solved)[None])),
+            "aer_interval": list(
+                Scores.return_interval(Scores.by_labyrinth(episodes.returns)[None])
+            ),
         }
 
 
@@ -169,28 +191,6 @@ def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
         accuracy_on_demonstrations=_mean(right[solvable & shown]),
         accuracy_elsewhere=_mean(right[solvable & ~shown]),
     )
-
-
-def by_labyrinth(values: NDArray[Any]) -> NDArray[np.float64]:
-    """Return the mean of a policy's episodes in each labyrinth, shape (L,), from (L,) or (E, L).
-
-    Several episodes are of one policy, so they say nothing about other seeds.
-    """
-    means: NDArray[np.float64] = np.atleast_2d(values).mean(axis=0, dtype=np.float64)
-    return means
-
-
-def return_interval(returns: NDArray[np.float64]) -> tuple[float, float]:
-    """Return the interval of the mean return; see `interval`.
-
-    A return below that of an episode that is cut, as on ice, counts as possible only if there is
-    one.
-
-    Args:
-        returns: The mean return for each seed and labyrinth, shape (seeds, labyrinths).
-    """
-    lowest = min(-RULES.step_limit * RULES.step_penalty, float(returns.min()))
-    return interval(returns, ends=(lowest, RULES.goal_reward))
 
 
 def _mean(values: NDArray[Any]) -> float | None:

@@ -15,7 +15,7 @@ from torch import nn
 from torch.optim import Optimizer
 
 from labyrinth_core.evaluation.contract import check_policy
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, walk
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, roll_out
@@ -111,7 +111,7 @@ def _problem(method: Any, settings: Any, height: int, width: int, task: Task) ->
     encoder = module if module in OWN else "cnn"
     spec = NetworkSpec(encoder, height, width, str(task))
     size = method.image_size(spec, settings, height, width)
-    arrays = as_arrays(
+    arrays = LabyrinthArrays.of_labyrinths(
         labyrinths, ObservationSpec("image", size, draw=True), [[each] for each in routes]
     )
 

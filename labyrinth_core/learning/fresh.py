@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
@@ -62,7 +62,7 @@ class FreshLabyrinths:
             starts = np.repeat(arrays.initial, [len(each) for each in walks])
             return steps_along(arrays, starts, [*chain.from_iterable(walks)])
 
-        arrays = as_arrays(drawn, self.spec, routes("train"))
+        arrays = LabyrinthArrays.of_labyrinths(drawn, self.spec, routes("train"))
         return replace(
             problem,
             arrays=arrays,

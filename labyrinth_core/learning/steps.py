@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from labyrinth_core.data.datasets import Selection
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, first_place, walk
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
 from labyrinth_core.learning.observations import Observations, parts_of
 from labyrinth_core.policies.networks.network import MOMENTUM, double
 
@@ -66,7 +66,7 @@ def load_steps(selection: Selection, arrays: LabyrinthArrays) -> Steps:
             raise DatasetError(
                 f"split={selection.split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
-        places.append(first_place(episode))
+        places.append(episode.beginning)
         routes.append(episode.actions)
     return steps_along(arrays, arrays.numbers_of(places), routes)
 

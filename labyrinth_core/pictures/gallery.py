@@ -39,7 +39,7 @@ class Stack(Protocol):
     initial_vectors: NDArray[np.int32]
     """The `vector.initial_vector` of each labyrinth."""
     looks: NDArray[np.intp]
-    """The look of each labyrinth, as an index of `LOOKS`."""
+    """The look of each labyrinth, as an index in `Look`."""
 
     def states(self) -> NDArray[np.int64]:
         """Return the index of each agent's state within its labyrinth, shape (count,)."""

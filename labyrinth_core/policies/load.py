@@ -111,8 +111,8 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
     for name in names:
         path, hashes = folder / name, listed(folder / SUMS, name)
         if hashes and path.exists() and File(path).sha256() not in hashes:
-            again = "download it again" if name in PUBLISHED else "train it again"
-            raise DatasetError(f"{path} is damaged: its sha256 is not the one in {SUMS}; {again}")
+            told = f"{path} is damaged: its sha256 is not the one in {SUMS}"
+            raise DatasetError(f"{told}; download or train it again")
 
 
 def check_size(place: object, name: str, size: int) -> None:

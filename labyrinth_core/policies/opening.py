@@ -57,6 +57,18 @@ class PolicyFiles:
                 raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         return Origin(source=self.source, commit=self.commit, files=hashes)
 
+    def open(self, named: str) -> Any:
+        """Return the policy in the files, which messages call by a name.
+
+        Raises:
+            DatasetError, PolicyError: As for `open_policy`.
+        """
+        if GRAPH not in self.paths:
+            return load_policy(next(iter(self.paths.values())).parent)
+        from labyrinth_core.policies.graph import GraphPolicy
+
+        return GraphPolicy(self.paths[GRAPH].read_bytes(), named)
+
 
 def open_policy(source: str | Path, *, revision: str | None = None, code: bool = True) -> Any:
     """Return the policy that a name stands for, ready for `evaluate` and `compare`.
@@ -100,26 +112,9 @@ is a class or a function without required arguments |
         return asked(found) if _makes_one(found) else found
     files = files_of(source, revision)
     origin = files.origin()
-    policy = open_files(files.paths, name)
+    policy = files.open(name)
     policy.origin = origin
     return policy
-
-
-def open_files(paths: Mapping[str, Path], named: str) -> Any:
-    """Return the policy in some files, which `files_of` found.
-
-    Args:
-        paths: Name -> path, all in one folder.
-        named: The name of the policy in messages.
-
-    Raises:
-        DatasetError, PolicyError: As for `open_policy`.
-    """
-    if GRAPH not in paths:
-        return load_policy(next(iter(paths.values())).parent)
-    from labyrinth_core.policies.graph import GraphPolicy
-
-    return GraphPolicy(paths[GRAPH].read_bytes(), named)
 
 
 def files_of(

@@ -12,12 +12,12 @@ from dataclasses import replace
 import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
@@ -97,7 +97,7 @@ def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results
     shown, asked = named.shown, job.options.evaluation
     splits: Sequence[str] | None = asked.splits or None
     if shown.run is not None:
-        splits = (*EVALUATED_SPLITS, *shown.data.manifest.config.shifts)
+        splits = (*SPLITS.evaluated, *shown.data.manifest.config.shifts)
     return shown.results(
         splits,
         asked.episodes,

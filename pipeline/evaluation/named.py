@@ -17,7 +17,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
@@ -77,10 +77,10 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
         return _of_run(job, folder, data, trained_on)
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
-    path = runs / _as_file_name(name) / RESULTS
+    path = runs / _as_file_name(name) / Results.FILE
     if not asked.name and path.with_name(RECORD).exists():  # A run keeps its own results there.
         name = f"{name} as policy"
-        path = runs / _as_file_name(name) / RESULTS
+        path = runs / _as_file_name(name) / Results.FILE
     if path.with_name(RECORD).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
     # "image" is the option's default, so it does not say what the policy observes.
@@ -134,7 +134,7 @@ def _of_run(
     from pipeline.evaluation.trained import show
 
     shown, key = show(job, folder, data, record)
-    run, path = shown.run, folder / RESULTS
+    run, path = shown.run, folder / Results.FILE
     assert run is not None  # The results are those of the run.
     if run.fingerprint != data.fingerprint:
         path = path.with_stem(f"{path.stem}-{data.config}-{data.fingerprint:.8}")

@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.dataset_config import CONFIG_NAME
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
@@ -50,7 +50,7 @@ END = "<!-- labyrinth-datasets: end of the generated text; yours may stand aroun
 def finished(data_dir: AnyPath) -> list[Manifest]:
     """Return the manifests of all finished datasets of a folder, the smallest first."""
     folders = [file.parent for file in data_dir.glob(f"*/{Manifest.FILE}")]
-    named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
+    named = [folder for folder in folders if DatasetConfig.NAME.fullmatch(folder.name)]
     read_from = {folder.name: Dataset.at(folder, renamed=True).manifest for folder in named}
     manifests = []
     for folder, manifest in read_from.items():
@@ -70,7 +70,7 @@ def without_manifest(data_dir: AnyPath) -> list[Path]:
     if not isinstance(data_dir, Path):
         return []
     folders = [file.parent for file in sorted(data_dir.glob(f"*/{Manifest.TABLE}"))]
-    named = [folder for folder in folders if CONFIG_NAME.fullmatch(folder.name)]
+    named = [folder for folder in folders if DatasetConfig.NAME.fullmatch(folder.name)]
     return [folder for folder in named if not (folder / Manifest.FILE).exists()]
 
 
@@ -305,7 +305,7 @@ def _are_ours(configs: object) -> bool:
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
     suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in companions())])
-    ours = re.compile(f"(?:{CONFIG_NAME.pattern})(-({suffixes}))?", re.ASCII)
+    ours = re.compile(f"(?:{DatasetConfig.NAME.pattern})(-({suffixes}))?", re.ASCII)
     return all(map(ours.fullmatch, names))
 
 

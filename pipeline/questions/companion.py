@@ -9,12 +9,15 @@ from string import Template
 
 import yaml
 
+from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, QUESTIONS, question_splits
+from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from pipeline.inspection.companions import Companion
 from pipeline.machinery.markdown import meanings
 from pipeline.questions.check import question_problems
 
+NOT_ASKED = ("train", "validation", "random")
+"""The splits for training and model selection, which have no questions."""
 EVAL = "eval.yaml"
 """The file that registers the questions as a benchmark of inspect-ai."""
 
@@ -48,10 +51,15 @@ def benchmark(questions: Mapping[str, Manifest], title: str) -> dict[str, bytes]
         | deepcopy(own | each)
         for config, manifest in questions.items()
         for form, own in forms.items()
-        for split in question_splits(manifest.config)
+        for split in _asked(manifest.config)
     ]
     text = yaml.safe_dump({"name": title} | values, sort_keys=False, allow_unicode=True, width=100)
     return {EVAL: text.encode()}
+
+
+def _asked(config: DatasetConfig) -> tuple[str, ...]:
+    """Return the splits whose labyrinths become questions."""
+    return tuple(split for split in config.splits if split not in NOT_ASKED)
 
 
 def _read(name: str) -> str:
@@ -59,9 +67,9 @@ def _read(name: str) -> str:
 
 
 COMPANION = Companion(
-    suffix=QUESTIONS,
+    suffix="questions",
     columns=QUESTION_COLUMNS,
-    splits=question_splits,
+    splits=_asked,
     row="labyrinth, as a question",
     problems=question_problems,
     section=section,

@@ -18,8 +18,8 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import RESULTS, Results
-from labyrinth_core.evaluation.scores import WHY_SPL
+from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import (
@@ -100,7 +100,7 @@ def stage_policy(
     policy = load_policy(source)
     if File(source / WEIGHTS).sha256() != made.evaluated["weights"]:
         again = "stages=evaluate makes it again"
-        raise DatasetError(f"{source / RESULTS} is for other weights than {WEIGHTS}: {again}")
+        raise DatasetError(f"{source / Results.FILE} is for other weights than {WEIGHTS}: {again}")
     for name in (WEIGHTS, CONFIG):
         shutil.copyfile(source / name, folder / name)
     repo_id, _ = job.options.dataset_on_hub  # The run names a folder of its own machine.
@@ -116,7 +116,7 @@ def _results(
 ) -> tuple[Results, TrainedRun, Mapping[str, Any]]:
     """Return the results in the folder of a run, their description of the run, and its record."""
     folder = job.options.run_folder(job.dataset)
-    path, anew = folder / RESULTS, "stages=evaluate makes it again"
+    path, anew = folder / Results.FILE, "stages=evaluate makes it again"
     if not path.exists():
         made = "'stages=[train,evaluate]' makes one"
         raise DatasetError(f"{folder} holds no evaluated policy: {made}")
@@ -203,7 +203,7 @@ def _card(trained: Trained) -> str:
         low=low,
         high=high,
         labyrinths=f"{len(test.distance):,}",
-        why=WHY_SPL,
+        why=Scores.WHY_SPL,
         model=options.model,
         version=options.version,
         revision=trained.revision,

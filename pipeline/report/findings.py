@@ -19,7 +19,7 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, by_labyrinth
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.console import say
 
@@ -120,7 +120,7 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     """Return the page's data on a method: means over its runs, and each run."""
     first = runs[0]
     splits_of_all = set.intersection(*(set(run.splits) for run in runs))
-    shown = [split for split in (*EVALUATED_SPLITS, *SPLITS.shifts) if split in splits_of_all]
+    shown = [split for split in (*SPLITS.evaluated, *SPLITS.shifts) if split in splits_of_all]
     told = [
         {
             "name": _about(run).name,
@@ -132,8 +132,8 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     splits = {}
     for split in shown:
         scores = [run.splits[split] for run in runs]
-        solved = np.stack([by_labyrinth(each.episodes.solved) for each in scores])
-        weighted = np.stack([by_labyrinth(each.weighted) for each in scores])
+        solved = np.stack([Scores.by_labyrinth(each.episodes.solved) for each in scores])
+        weighted = np.stack([Scores.by_labyrinth(each.weighted) for each in scores])
         by_all = set.intersection(*(set(each.failed) for each in scores))
         splits[split] = {
             "spl": mean(each.spl for each in scores),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.description import FRESH, Description, TrainedRun
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import by_labyrinth, return_interval
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count
@@ -128,9 +128,9 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
     scores = [each.splits[split] for each in group]
     outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
     values = {
-        "spl": np.stack([by_labyrinth(each.weighted) for each in scores]),
+        "spl": np.stack([Scores.by_labyrinth(each.weighted) for each in scores]),
         "sr": solved_in(group, split),
-        "aer": np.stack([by_labyrinth(each.episodes.returns) for each in scores]),
+        "aer": np.stack([Scores.by_labyrinth(each.episodes.returns) for each in scores]),
     }
     figures: dict[str, Any] = {
         name: _mean(getattr(each, name) for each in scores)
@@ -138,7 +138,7 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
     }
     figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
     for name, each in values.items():
-        bounds = return_interval(each) if name == "aer" else interval(each)
+        bounds = Scores.return_interval(each) if name == "aer" else interval(each)
         figures[f"{name}_low"], figures[f"{name}_high"] = bounds
     figures |= {name: float((outcomes == name).mean()) for name in FAILURES}
     counted = [each.by_distance for each in scores]
@@ -156,7 +156,7 @@ def figures_of(group: Sequence[Results], split: str) -> Figures:
 
 def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
     """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
-    return np.stack([by_labyrinth(each.splits[split].episodes.solved) for each in group])
+    return np.stack([Scores.by_labyrinth(each.splits[split].episodes.solved) for each in group])
 
 
 def _mean(values: Iterable[float | None]) -> float | None:

@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import DETAILS
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.entry import RANKED_BY, Entry, Figures, as_csv, percent_cell
 
@@ -23,7 +23,7 @@ MEMORISED = "follows its own train"
 
 ABOUT = f"""## How to read it
 
-Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on. {WHY_SPL}
+Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on. {Scores.WHY_SPL}
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, in percent. SR:
 share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
@@ -80,7 +80,7 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     yield "On all splits:"
     held = {split for each in entries for split in each.figures}
     # The usual splits first, then the others in the order of the dataset.
-    splits = [split for split in dict.fromkeys((*EVALUATED_SPLITS, *SPLITS)) if split in held]
+    splits = [split for split in dict.fromkeys((*SPLITS.evaluated, *SPLITS)) if split in held]
     rows = (row for each in entries for row in _by_split(each, splits))
     yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
     yield "What they have learnt from, and how they were evaluated:"

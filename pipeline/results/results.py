@@ -14,8 +14,8 @@ from pathlib import Path
 from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.results import LEGEND
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say, say_once
@@ -81,7 +81,7 @@ def run(job: Job[ResultsOptions]) -> None:
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             say(overview(list(of_config)))
-        say_once(LEGEND[0])
+        say_once(Results.LEGEND[0])
         say(f"{count(len(found), 'run')}: {results_dir}")
     for paths in of_equal_weights(found):
         names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)
@@ -102,10 +102,10 @@ def overview(methods: Sequence[Entry]) -> Table:
     In a terminal of 80 columns, long method names wrap.
     """
     title = f"{methods[0].config}: SPL in percent, mean over seeds"
-    numbers = ("seeds", *EVALUATED_SPLITS)
+    numbers = ("seeds", *SPLITS.evaluated)
     columns = (Column(heading, justify="right", no_wrap=True) for heading in numbers)
     table = Table(Column("method", overflow="fold"), *columns, title=title)
     for each in methods:
-        rates = (f"{100 * each.figures[split]['spl']:.1f}" for split in EVALUATED_SPLITS)
+        rates = (f"{100 * each.figures[split]['spl']:.1f}" for split in SPLITS.evaluated)
         table.add_row(title_of(each.run), str(len(each.results)), *rates)
     return table

@@ -10,11 +10,12 @@ from statistics import mean
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, WHY_SPL
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.comparison import conclusion, interquartile_mean
 from pipeline.results.entry import (
@@ -37,7 +38,7 @@ WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
 
 ABOUT = f"""# Results
 
-{WHY_SPL}
+{Scores.WHY_SPL}
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged. SR: share of solved
 labyrinths. Both are in percent, with one greedy episode per labyrinth. Figures of several seeds are
@@ -103,7 +104,7 @@ def compared(group: Sequence[Entry], methods: Sequence[str]) -> Iterator[list[st
     """Yield the rows of a comparison: for each split our SPL and SR, and the SR in the paper."""
     here = {each.run.method: each.figures for each in group}
     paper = paper_figures()
-    for split in EVALUATED_SPLITS:
+    for split in SPLITS.evaluated:
         ours = [here[method][split] if method in here else None for method in methods]
         for name in ("spl", "sr"):
             cells = ("" if each is None else percent_cell(each, name) for each in ours)
@@ -120,7 +121,7 @@ def _printed(figure: PaperFigure | None) -> str:
 
 
 def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]]:
-    for split in EVALUATED_SPLITS:
+    for split in SPLITS.evaluated:
         found = (results.baselines[name][split] for name in names)
         yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
 

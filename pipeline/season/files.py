@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File, LocalFile
-from labyrinth_core.evaluation.results import LARGEST
+from labyrinth_core.evaluation.results import Results
 from pipeline.machinery.folders import held, remove
 
 _PREFIX = "labyrinth-season-"
@@ -36,7 +36,9 @@ def require_regular(path: Path, most: int) -> None:
 
 def has_sha256(path: Path, digest: str) -> bool:
     """Return whether a file exists, is not larger than any results or weights, and has a hash."""
-    return path.is_file() and path.stat().st_size <= LARGEST and File(path).sha256() == digest
+    return (
+        path.is_file() and path.stat().st_size <= Results.LARGEST and File(path).sha256() == digest
+    )
 
 
 @contextmanager

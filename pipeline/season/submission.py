@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event, Timer
@@ -16,7 +17,7 @@ from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
-from labyrinth_core.policies.opening import PolicyNameError, files_of, open_files
+from labyrinth_core.policies.opening import PolicyNameError, files_of
 from labyrinth_core.policies.spec import GRAPH
 from labyrinth_core.world.rules import Task
 from pipeline.season.files import private_folder, require_regular
@@ -73,7 +74,7 @@ def fetched(
                 )
         copies = {name: own / name for name in found.paths}
         try:
-            policy = open_files(copies, named)
+            policy = replace(found, paths=copies).open(named)
         except DatasetError as error:  # Name the original, not the temporary copy.
             raise DatasetError(str(error).replace(str(own), named)) from error
         if GRAPH in files:

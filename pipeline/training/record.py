@@ -12,7 +12,7 @@ from typing import Any
 
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.results import RESULTS
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError
@@ -25,7 +25,7 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 
-OURS = (RECORD, WEIGHTS, CONFIG, CURVES, Job.CONFIG, f"{Path(RESULTS).stem}*.json")
+OURS = (RECORD, WEIGHTS, CONFIG, CURVES, Job.CONFIG, f"{Path(Results.FILE).stem}*.json")
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 

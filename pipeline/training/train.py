@@ -23,7 +23,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, arrays_in
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
@@ -185,7 +185,7 @@ def loader_of(
     ) -> LabyrinthArrays:
         selection = data.of_first(split, options.first_labyrinths).filter(labyrinths=first)
         resize = options.resize
-        return arrays_in(selection, ObservationSpec(observation, image_size, True, resize))
+        return LabyrinthArrays.of(selection, ObservationSpec(observation, image_size, True, resize))
 
     return load
 

@@ -24,8 +24,9 @@ from kept_results import RESULTS, Run, by_method, rate, read_runs, solved_in, wh
 from methods.authors.learner import try_out
 from run_queue import AUTHORS
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import METHODS, PaperFigure, paper_figures
 
@@ -80,7 +81,7 @@ def usual_rates(config: str) -> Rates:
     return {
         (split, group[0]["run"]["method"]): float(solved_in(group, split).mean())
         for group in groups
-        for split in EVALUATED_SPLITS
+        for split in SPLITS.evaluated
     }
 
 
@@ -93,13 +94,13 @@ def beside() -> str:
             runs = [each["run"] for each in group]
             method, epochs = runs[0]["method"], runs[0]["settings"]["epochs"]
             found = []
-            for split in EVALUATED_SPLITS:
+            for split in SPLITS.evaluated:
                 theirs = ", ".join(whole(each["as_tried"][split]["sr"]) for each in runs)
                 figure = paper_figures()[config, split, method]
                 found.append(f"{printed_in(figure)} / {theirs} / {whole(usual[split, method])}")
             rows.append([f"{config}, {METHODS[method]}, {epochs} epochs", *found])
     heading = "% solved: printed / authors' protocol, each seed / ours"
-    return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows)
+    return table([heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows)
 
 
 def verdicts() -> str:
@@ -114,7 +115,7 @@ def verdicts() -> str:
             found.append(f"{whole(printed)} / {tried} / {whole(ours)}, {verdict}")
         rows.append([f"{config}, {METHODS[method]}", *found])
     heading = "% solved: printed / authors' protocol / ours"
-    return table([heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "l" * 6)
+    return table([heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows, "l" * 6)
 
 
 def resnet() -> str:
@@ -126,11 +127,11 @@ def resnet() -> str:
             method, epochs = runs[0]["run"]["method"], runs[0]["run"]["training"]["epochs"]
             cells = (
                 _judged_in(runs, paper_figures()[config, split, method])
-                for split in EVALUATED_SPLITS
+                for split in SPLITS.evaluated
             )
             rows.append([f"{config}, {METHODS[method]}", str(len(runs)), str(epochs), *cells])
     heading = ["% solved: printed / ResNet-18 here", "seeds", "epochs"]
-    return table([*heading, *(f"`{split}`" for split in EVALUATED_SPLITS)], rows, "lrr" + "l" * 5)
+    return table([*heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows, "lrr" + "l" * 5)
 
 
 def _judged_in(runs: Sequence[Run], figure: PaperFigure) -> str:
@@ -163,7 +164,7 @@ def judged_cells() -> dict[tuple[str, str], list[Judged]]:
                     usual[split, method],
                     np.mean([each["as_tried"][split]["sr"] for each in runs]) if runs else None,
                 )
-                for split in EVALUATED_SPLITS
+                for split in SPLITS.evaluated
             ]
     return found
 
@@ -189,7 +190,7 @@ def printed_in(figure: PaperFigure, mark: str = "†") -> str:
 
 def random_rows(data_dir: Path, configs: list[str]) -> list[list[str]]:
     """Return a row for each split: the random policy, and the paper's SQIL, for each config."""
-    rows = [[split] for split in EVALUATED_SPLITS]
+    rows = [[split] for split in SPLITS.evaluated]
     for config in configs:
         for row in rows:
             arrays = load_arrays(data_dir, config, row[0], observation="vector")
@@ -218,7 +219,7 @@ def about(kept: Run) -> list[str]:
 def cells(kept: Run, usual: Rates) -> list[list[str]]:
     """Return a row for each cell of the paper that a run is of."""
     rows, run = [], kept["run"]
-    for split in EVALUATED_SPLITS:
+    for split in SPLITS.evaluated:
         printed = paper_figures()[run["config"], split, run["method"]]
         theirs, ours = run["as_tried"][split]["sr"], usual[split, run["method"]]
         count = len(kept["solved"][split])

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of, paper_figures
 
@@ -31,7 +31,7 @@ Cell = Callable[[str], str]
 
 def splits() -> list[str]:
     """Return the names of the paper's splits in print."""
-    return [f"`{split}`" if split.startswith("s0") else split for split in EVALUATED_SPLITS]
+    return [f"`{split}`" if split.startswith("s0") else split for split in SPLITS.evaluated]
 
 
 def of_size(config: str) -> str:
@@ -46,11 +46,11 @@ def of_size(config: str) -> str:
         if not any((RESULTS / folder).glob(pattern)):
             continue
         for name, runs in by_method(read_runs(folder, pattern)).items():
-            cells = map(partial(_beside, config, runs), EVALUATED_SPLITS)
+            cells = map(partial(_beside, config, runs), SPLITS.evaluated)
             rows.append([name + note, str(len(runs)), *cells])
     baselines = read_runs(folder, "bc-cnn-seed0.json")[0]["baselines"]
     for name, (kept, figure) in REFERENCES.items():
-        cells = (whole(baselines[kept][split][figure]) for split in EVALUATED_SPLITS)
+        cells = (whole(baselines[kept][split][figure]) for split in SPLITS.evaluated)
         rows.append([f"*{name}*", "", *cells])
     return table([config, "seeds", *splits()], rows)
 
@@ -73,14 +73,14 @@ def memory() -> str:
                 if (each["run"]["method"], each["run"].get("memory", False)) == (method, remembers)
             ]
             cells = (
-                _with_spl([each["splits"][split] for each in group]) for split in EVALUATED_SPLITS
+                _with_spl([each["splits"][split] for each in group]) for split in SPLITS.evaluated
             )
             rows.append([name_of(method) + note, str(len(group)), *cells])
     for name, title in zip(
         REPLANNERS, ("optimistic replanner, memory", "the same without memory"), strict=True
     ):
         told = runs[0]["baselines"][name]
-        rows.append([f"*{title}*", "", *(_with_spl([told[split]]) for split in EVALUATED_SPLITS)])
+        rows.append([f"*{title}*", "", *(_with_spl([told[split]]) for split in SPLITS.evaluated)])
     return table(["SR / SPL in percent", "seeds", *splits()], rows)
 
 

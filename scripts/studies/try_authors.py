@@ -16,7 +16,7 @@ from labyrinth_core import Dataset, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import RESULTS, Results
+from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.record import read_run
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.training.methods.method import find
@@ -34,14 +34,14 @@ def main() -> None:
         raise SystemExit(str(error)) from error
     assert results.run is not None
     text = results.to_text(Description(results.run.name)).encode()
-    leave(asked.run, {RESULTS: text}, key=Sums.read(asked.run).key, overwrite=True)
+    leave(asked.run, {Results.FILE: text}, key=Sums.read(asked.run).key, overwrite=True)
     rates = (f"{split} {each['sr']:.0%}" for split, each in (results.run.as_tried or {}).items())
     print(f"As in the code of the authors: {', '.join(rates)}")
 
 
 def tried(folder: Path, data: Dataset) -> Results:
     """Return the results of a run with the figures of its method's own trial."""
-    results, record = Results.load(folder / RESULTS), read_run(folder)
+    results, record = Results.load(folder / Results.FILE), read_run(folder)
     if record is None or results.run is None or record["run"]["protocol"] != "authors":
         raise DatasetError(f"{folder} holds no evaluated run of protocol=authors")
     method, _ = find(record["run"]["method"], record["run"]["settings"], "authors")

@@ -5,11 +5,11 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import chdir
-from importlib import import_module
 from pathlib import Path
 
 import pytest
 from support.composing import composed
+from support.making import Run, perform
 from support.policies import RELEASED
 
 from pipeline.command.stages import STAGES
@@ -94,10 +94,9 @@ class PlantedInWorkError(PlantedError, ValueError):
     """Likewise, in a function that does not read what a user gave."""
 
 
-def perform(stage: str, *options: str) -> None:
-    """Run a stage in this process, in the working directory."""
-    run = composed(*(DATASET if stage != "certify" else ()), *options, f"stages=[{stage}]")
-    import_module(STAGES[stage].module).run(run)
+def run_of(stage: str, *options: str) -> Run:
+    """Return the job of a stage in the working directory."""
+    return composed(*(DATASET if stage != "certify" else ()), *options, f"stages=[{stage}]")
 
 
 @pytest.fixture(scope="module")
@@ -105,7 +104,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with what the stages read: a dataset, a run with results, a season."""
     folder = tmp_path_factory.mktemp("made")
     with chdir(folder):
-        perform("build")
+        perform("build", run_of("build"))
         for stage, options in (
             ("analyse", ()),
             ("questions", ()),
@@ -114,7 +113,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
             ("season", SEASON),
         ):
             if stage in STAGES:
-                perform(stage, *options)
+                perform(stage, run_of(stage, *options))
     return folder
 
 
@@ -148,5 +147,5 @@ def test_a_bug_that_is_planted_in_a_stage_comes_out_as_it_is(
     module, _, name = place.partition(":")
     monkeypatch.setattr(f"{module}.{name}", bug)
     with pytest.raises(PlantedError) as raised:
-        perform(stage, *options)
+        perform(stage, run_of(stage, *options))
     assert raised.value is planted

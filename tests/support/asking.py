@@ -8,8 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.questions import stage as questions
-from support.making import Run
+from support.making import Run, perform
 from support.tampering import content_of
 
 NAME = "3x4-key_and_door"
@@ -24,7 +23,7 @@ def asked(build: Callable[..., Run], tmp_path_factory: pytest.TempPathFactory) -
     """The run of a dataset whose questions are there; copy its folder before you change it."""
     run = build(tmp_path_factory.mktemp("asked") / "data", labyrinths=4, **OPTIONS)
     before = content_of(run.folder)
-    questions.run(run)
+    perform("questions", run)
     assert content_of(run.folder) == before
     return run
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass, fields, make_dataclass, replace
+from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
@@ -61,6 +62,11 @@ def run_of(data_dir: Path, **options: Any) -> Run:
         options["buckets"] = BucketsConfig(*options["buckets"])
     small = {"stages": ["build"], "size": "3", "labyrinths": 8, "data_dir": str(data_dir)}
     return resolve(RunConfig(**small | options))
+
+
+def perform(stage: str, run: Run) -> None:
+    """Run a stage of a job in this process, as a command line does."""
+    import_module(STAGES[stage].module).run(run)
 
 
 def build_dataset(

@@ -31,22 +31,13 @@ from typing import NamedTuple
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
-from labyrinth_core.policies.networks.network import (
-    ACTIONS,
-    SLOPE,
-    WIDTH,
-    Cnn,
-    Mlp,
-    Network,
-    as_input,
-    double,
-)
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.policies.networks.adversarial import ActorCritic, Discriminator
+from labyrinth_core.policies.networks.network import ACTIONS, Network, double
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""
@@ -68,59 +59,6 @@ class Settings(BaseSettings):
     trace: float = setting(0.95, "lambda of the advantages", at_most=1)
     clip: float = setting(0.2, "clipping range of the ratio of probabilities in PPO", at_most=1)
     entropy: float = setting(0.01, "weight of the entropy bonus")
-
-
-class Discriminator(nn.Module):
-    """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
-
-    It has an encoder of its own: the CNN without batch normalisation or, for vectors, which the
-    source does not have, `Mlp`.
-    """
-
-    def __init__(self, spec: NetworkSpec) -> None:
-        super().__init__()
-        self.encoder: nn.Module
-        if spec.encoder == "mlp":
-            self.encoder, features = Mlp(spec), Mlp.features
-        else:
-            layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
-            self.encoder, features = nn.Sequential(*layers), Cnn.features
-        self.classifier = nn.Sequential(
-            nn.Linear(features + ACTIONS, 256),
-            nn.LeakyReLU(SLOPE),
-            nn.Linear(256, 256),
-            nn.LeakyReLU(SLOPE),
-            nn.Linear(256, 1),
-        )
-
-    def forward(self, observations: Tensor) -> Tensor:
-        """Return the logit that each (observation, action) is demonstrated, shape (batch, 4)."""
-        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
-        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
-        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
-        return logits.view(-1, ACTIONS)
-
-
-class ActorCritic(nn.Module):
-    """A policy network with one more output, the value of the state.
-
-    Args:
-        policy: The network; the critic shares all of its layers but the last.
-        unit: The unit of the values and of the critic's loss, which keeps that loss from
-            outweighing the policy's.
-    """
-
-    def __init__(self, policy: Network, unit: float) -> None:
-        super().__init__()
-        self.unit = unit
-        self.policy = policy
-        self.value = nn.Linear(WIDTH, 1)
-
-    def forward(self, observations: Tensor) -> Tensor:
-        """Return the scores of the four actions, then the value, shape (batch, 5)."""
-        hidden = self.policy.hidden(observations)
-        last = self.policy.classifier[-1]
-        return torch.cat([last(hidden), self.value(hidden) * self.unit], 1)
 
 
 class Samples(NamedTuple):

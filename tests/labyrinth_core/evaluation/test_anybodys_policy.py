@@ -25,7 +25,7 @@ from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_fi
 from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, Scores, score
+from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.world.rules import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
@@ -36,7 +36,7 @@ def arrays_of(datasets):
     return {
         (config, split): load_arrays(datasets, config, split, image_size=8)
         for config in CONFIGS.values()
-        for split in EVALUATED_SPLITS
+        for split in SPLITS.evaluated
     }
 
 
@@ -59,7 +59,7 @@ def stepped(policy, arrays):
 @pytest.mark.slow
 @given(
     config=st.sampled_from([*CONFIGS.values()]),
-    split=st.sampled_from(EVALUATED_SPLITS),
+    split=st.sampled_from(SPLITS.evaluated),
     share=st.floats(0, 1),
     seed=st.integers(0, 2**32 - 1),
 )
@@ -406,12 +406,12 @@ def test_a_seed_may_be_a_number_of_numpys(datasets, tmp_path):
 
 def test_all_splits_but_the_random_one_are_evaluated(datasets):
     results = evaluate(Rounds(1), datasets, "3x4", image_size=8)
-    assert tuple(results.splits) == EVALUATED_SPLITS
+    assert tuple(results.splits) == SPLITS.evaluated
     assert results.fingerprint == Manifest.read(datasets / "3x4").fingerprint
     policys, failed, beside = results.tables().split("\n\n")
     tables = policys.splitlines()[3:], failed.splitlines()[2:], beside.splitlines()[2:]
     for table in tables:
-        assert [line.split()[0] for line in table] == list(EVALUATED_SPLITS)
+        assert [line.split()[0] for line in table] == list(SPLITS.evaluated)
     assert evaluate(Rounds(1), datasets, "3x4", image_size=8, splits="random").splits
 
 
@@ -518,7 +518,7 @@ def failing(scores):
     return replace(scores, episodes=episodes)
 
 
-@pytest.mark.parametrize("splits", [EVALUATED_SPLITS, tuple(SPLITS)])
+@pytest.mark.parametrize("splits", [SPLITS.evaluated, tuple(SPLITS)])
 @pytest.mark.parametrize("blind", [False, True])
 def test_tables_fit_a_terminal_and_cut_no_name_and_the_legend_is_printed_once(
     datasets, splits, blind

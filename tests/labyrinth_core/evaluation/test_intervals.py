@@ -11,7 +11,7 @@ import pytest
 from scipy import stats
 
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import return_interval
+from labyrinth_core.evaluation.scores import Scores
 
 
 def first(solved, labyrinths):
@@ -72,7 +72,7 @@ def test_seeds_are_paired_in_a_difference():
 def test_the_interval_of_returns_is_that_of_success_in_their_range():
     solved = first(90, 100)
     low, high = interval(solved)
-    bounds = return_interval(np.where(solved == 1, 1.0, -4.0))
+    bounds = Scores.return_interval(np.where(solved == 1, 1.0, -4.0))
     assert bounds == pytest.approx((-4 + 5 * low, -4 + 5 * high))
-    on_ice = return_interval(np.where(solved == 1, 1.0, -100.9))
+    on_ice = Scores.return_interval(np.where(solved == 1, 1.0, -100.9))
     assert on_ice == pytest.approx((-100.9 + 101.9 * low, -100.9 + 101.9 * high))

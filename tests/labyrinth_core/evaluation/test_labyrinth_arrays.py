@@ -13,7 +13,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation import labyrinth_arrays
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.pictures import looks, observations
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
@@ -133,7 +133,9 @@ def test_vectors_and_texts_that_are_too_many_to_hold_are_made_when_they_are_look
 def test_labyrinths_of_several_looks_are_each_drawn_in_their_own(datasets, observation):
     labyrinths = list(labyrinths_of(datasets, "3x4", "test").values())
     labyrinths = [*labyrinths, *(replace(each, look=Look.RECOLOURED) for each in labyrinths)]
-    arrays = as_arrays(labyrinths[::2] + labyrinths[1::2], ObservationSpec(observation, 32, True))
+    arrays = LabyrinthArrays.of_labyrinths(
+        labyrinths[::2] + labyrinths[1::2], ObservationSpec(observation, 32, True)
+    )
     seen = arrays.observations[np.arange(len(arrays.state))[::-1]][::-1]
     for place, labyrinth in enumerate(arrays.labyrinths):
         for index in np.flatnonzero(arrays.labyrinth == place).tolist():
@@ -199,7 +201,7 @@ def test_too_little_memory_for_the_states_is_said_with_how_much_they_take(
 @pytest.mark.parametrize("config", CONFIGS.values())
 def test_labyrinths_of_no_dataset_are_the_same_arrays_but_for_demonstrations(datasets, config):
     arrays = load_arrays(datasets, config, "test", image_size=8)
-    again = as_arrays(arrays.labyrinths, arrays.spec)
+    again = LabyrinthArrays.of_labyrinths(arrays.labyrinths, arrays.spec)
     for name in ("initial", "next_state", "rewards", "optimal", "distance", "labyrinth_ids"):
         assert np.array_equal(getattr(again, name), getattr(arrays, name)), name
     states = np.arange(len(arrays.terminal))

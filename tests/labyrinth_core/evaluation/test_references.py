@@ -10,9 +10,10 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table
 
 from labyrinth_core.data.load import load_episodes
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS, score
+from labyrinth_core.evaluation.scores import score
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import Solver
@@ -29,7 +30,7 @@ def parts(cells):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("config", CONFIGS.values())
-@pytest.mark.parametrize("split", EVALUATED_SPLITS)
+@pytest.mark.parametrize("split", SPLITS.evaluated)
 def test_a_route_is_known_where_a_shortest_one_is_part_of_a_demonstrated_one(
     datasets, config, split
 ):

@@ -17,10 +17,10 @@ from support.submitted import add_up, content_of, forgetful, of_few, of_run, res
 
 from labyrinth_core import memorised
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import LARGEST, Results, results_in
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
+from labyrinth_core.evaluation.results import Results, results_in
 
 
 @pytest.fixture(scope="module")
@@ -143,7 +143,7 @@ def test_what_is_saved_is_read_as_it_was(datasets, tmp_path, config):
         dataset = KnownDataset.read(str(datasets), config)
         found = Results.load(path, {config: dataset}.get)
         found.require_dataset(dataset)
-        assert list(found.splits) == list(EVALUATED_SPLITS)
+        assert list(found.splits) == list(SPLITS.evaluated)
         assert found.method == Description(**about)
         assert found.run == results.run
         assert str(found) == str(results)
@@ -353,6 +353,11 @@ NO_RUN = r"it\.run\..* is .*, not .*"
         ("baselines.oracle.test", {}, "it.baselines.oracle.test has no sr"),
         ("baselines.oracle", {}, "it.baselines.oracle has no s0"),
         ("baselines.stranger", {}, "it.baselines has a name that is 'stranger', not .*"),
+        (
+            "baselines.random.test.train",
+            0.1,
+            "it.baselines.random.test has train, which is unknown",
+        ),
         ("baselines.random.test.spl", -0.1, "it.baselines.random.test.spl is -0.1, .*"),
         ("splits.test.moves.0.3", 2.5, r"it.splits.test.moves\[0\]\[3\] is 2.5, not .*"),
         ("splits.test.moves.0.3", 0, r"it.splits.test.moves\[0\]\[3\] is 0, not .*"),
@@ -422,8 +427,10 @@ def test_what_is_no_file_or_a_huge_one_is_not_read(tmp_path):
         Results.load(path)
     path.rmdir()
     with path.open("wb") as file:
-        file.truncate(LARGEST + 1)
-    with pytest.raises(DatasetError, match=rf"is refused: it has more than {LARGEST:,} bytes"):
+        file.truncate(Results.LARGEST + 1)
+    with pytest.raises(
+        DatasetError, match=rf"is refused: it has more than {Results.LARGEST:,} bytes"
+    ):
         Results.load(path)
 
 

@@ -6,17 +6,17 @@ import json
 
 import pytest
 from support.deceiving import Corridor
+from support.making import perform
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import repeats
 from labyrinth_core.data.errors import DatasetError
-from pipeline.certify import stage
 from pipeline.certify.options import CertifyOptions
 
 
 def run_on(make_run, tmp_path, source, **options):
     certified = CertifyOptions(source, **options)
-    stage.run(make_run(tmp_path / "data", stages=["certify"], certify=certified))
+    perform("certify", make_run(tmp_path / "data", stages=["certify"], certify=certified))
     (path,) = (tmp_path / "data" / "analysis").rglob("*.json")
     return json.loads(path.read_bytes()), path
 

@@ -13,6 +13,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.commands import refused
+from support.making import perform
 from support.planting import labyrinths, transposed
 from support.tampering import folder_behind_link
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
@@ -21,13 +22,11 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from pipeline.certify import stage
 from pipeline.certify.options import CertifyOptions
-from pipeline.inspection import analyse
 
 
 def run_on(make_run, data_dir, **options):
-    stage.run(make_run(data_dir, stages=["certify"], **options))
+    perform("certify", make_run(data_dir, stages=["certify"], **options))
 
 
 @pytest.fixture
@@ -169,7 +168,7 @@ def test_a_link_that_leads_nowhere_is_told_after_the_rest_is_certified(
 
 def test_a_dataset_in_parquet_is_certified_as_our_own_is(small_dataset, make_run, tmp_path):
     folder = shutil.copytree(small_dataset.data_dir, tmp_path / "labyrinth")
-    analyse.run(make_run(folder, stages=["analyse"]))
+    perform("analyse", make_run(folder, stages=["analyse"]))
     own = json.loads((folder / "3x3" / Manifest.ANALYSIS).read_bytes())
     _, pairs = certified(make_run, folder, tmp_path, "3x3")
     assert list(pairs.values()) == own["leakage"]["pairs"]

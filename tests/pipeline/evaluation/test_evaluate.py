@@ -11,12 +11,12 @@ import pytest
 from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
@@ -57,12 +57,12 @@ def elsewhere(trained, run_of):
 def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys):
     stage.run(trained)
     printed = capsys.readouterr().out
-    assert all(split in printed for split in EVALUATED_SPLITS)
+    assert all(split in printed for split in SPLITS.evaluated)
     folder = trained.training_folder
     text = (folder / "results.json").read_text(encoding="utf-8")
     content = json.loads(text)
     assert list(content["splits"]) == list(content["baselines"]["fixed_path"])
-    assert list(content["splits"]) == list(EVALUATED_SPLITS)
+    assert list(content["splits"]) == list(SPLITS.evaluated)
     assert content["run"]["fingerprint"] == content["dataset"]["fingerprint"]
     assert content["run"]["seed"] == content["evaluated"]["seed"] == 0
     assert set(content["splits"]["train"]["known_route"]) == {"1"}
@@ -72,7 +72,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     results.require_dataset(known)
     assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
     policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
-    for split in EVALUATED_SPLITS:
+    for split in SPLITS.evaluated:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     stage.run(trained)
@@ -188,7 +188,7 @@ def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_p
     damaged = "model.safetensors is damaged: its sha256 is not the one in run.json"
     with pytest.raises(DatasetError, match=damaged):
         stage.run(run)
-    with pytest.raises(DatasetError, match=damaged):
+    with pytest.raises(DatasetError, match="the one in SHA256SUMS; download or train it again"):
         load_policy(run.training_folder)
     path.unlink()
     with pytest.raises(DatasetError, match="does not exist: stages=train makes it"):
@@ -236,7 +236,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
         assert path.stem == f"results-{name}-{fingerprint[:8]}"
         assert content["dataset"]["fingerprint"] == fingerprint
         assert (content["dataset"]["config"], content["run"]["config"]) == (name, "3x3")
-        for split in EVALUATED_SPLITS:
+        for split in SPLITS.evaluated:
             arrays = load_arrays(data_dir, name, split)
             assert content["splits"][split]["sr"] == success_rate(policy, arrays)
     assert (folder / "results.json").read_bytes() == before
@@ -311,7 +311,7 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
     stage.run(run)
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == 3
-    counts = {split: content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS}
+    counts = {split: content["splits"][split]["labyrinths"] for split in SPLITS.evaluated}
     assert counts == {"train": 3, "validation": 8, "test": 8, "s0": 3, "s0_and_g": 3}
     results = Results.load(run.training_folder / "results.json")
     assert results.run.of_all_seeds == "bc-cnn-labyrinths3"

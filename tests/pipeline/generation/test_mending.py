@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from support.interrupting import before_each_shard
-from support.making import Run
+from support.making import Run, perform
 from support.tampering import (
     TRAIN,
     content_of,
@@ -24,7 +24,6 @@ from support.tampering import (
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from pipeline.inspection import analyse
 from pipeline.machinery.artifact import leave
 
 Build = Callable[..., Run]
@@ -130,7 +129,7 @@ def test_a_dataset_of_links_into_a_store_is_used_and_the_store_never_changes(
     if "grow" in options:
         options = options | {"labyrinths": 10}
     run = build(data_dir, **options)
-    analyse.run(run)
+    perform("analyse", run)
     leave(data_dir / "report", {"index.html": b"2"})
     assert content_of(tmp_path / "store") == store
     build(data_dir, size="2x3", labyrinths=1)
@@ -211,10 +210,10 @@ def test_files_called_like_what_a_killed_build_leaves_are_kept(
 def test_what_was_analysed_of_a_dataset_is_replaced_with_it(
     build: Build, folder: Path, make_run: Build
 ) -> None:
-    analyse.run(make_run(folder.parent, stages=["analyse"]))
+    perform("analyse", make_run(folder.parent, stages=["analyse"]))
     build(folder.parent, seed=1, overwrite=True)
     assert not (folder / "analysis.json").exists()
-    analyse.run(make_run(folder.parent, stages=["analyse"]))
+    perform("analyse", make_run(folder.parent, stages=["analyse"]))
     (folder / "analysis.json").write_text("years of work")
     with pytest.raises(DatasetError, match=r"3x3 holds analysis\.json, which would be lost"):
         build(folder.parent, seed=2, overwrite=True)

@@ -6,12 +6,12 @@ import json
 import shutil
 
 import pytest
+from support.making import perform
 from support.planting import labyrinths
 
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from pipeline.inspection import analyse
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def analysed(small_dataset, tmp_path_factory):
 
 
 def run_on(make_run, data_dir, **options):
-    analyse.run(make_run(data_dir, stages=["analyse"], **options))
+    perform("analyse", make_run(data_dir, stages=["analyse"], **options))
 
 
 def test_a_dataset_that_was_built_shares_nothing_and_its_analysis_lies_beside_it(

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.asking import NAME, SPLITS, TEST, asked, copied
+from support.making import perform
 from support.tampering import content_of
 
 from labyrinth_core.data.errors import DatasetError
@@ -18,7 +19,6 @@ from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.solver import Solver
 from pipeline.generation import check
-from pipeline.questions import stage as questions
 
 __all__ = ["asked", "copied"]
 
@@ -47,12 +47,12 @@ def test_the_questions_load_and_are_one_for_each_labyrinth_of_test_and_shifts(as
 def test_a_second_run_writes_nothing_and_one_after_damage_writes_the_same(copied, capsys):
     folder = copied.data_dir / f"{NAME}-questions"
     before = content_of(copied.data_dir)
-    questions.run(copied)
+    perform("questions", copied)
     assert "is there already" in capsys.readouterr().out
     (folder / TEST).write_bytes(b"damaged")
     with pytest.raises(DatasetError, match=f"{TEST}, damaged or changed .*: give overwrite=true"):
-        questions.run(copied)
-    questions.run(replace(copied, options=replace(copied.options, overwrite=True)))
+        perform("questions", copied)
+    perform("questions", replace(copied, options=replace(copied.options, overwrite=True)))
     assert content_of(copied.data_dir) == before
 
 
@@ -86,19 +86,19 @@ def test_nothing_of_a_user_is_lost_and_a_hidden_labyrinth_is_not_asked_about(
     for name in ("mine.txt", ".DS_Store"):
         (folder / name).write_text("mine")
     before = content_of(folder)
-    questions.run(copied)  # Nothing is to be replaced.
+    perform("questions", copied)  # Nothing is to be replaced.
     assert content_of(folder) == before
     (folder / TEST).unlink()
     del before[TEST]
     with pytest.raises(DatasetError, match=r"holds mine\.txt, which would be lost"):
-        questions.run(copied)
+        perform("questions", copied)
     assert content_of(folder) == before
     (folder / "mine.txt").unlink()
-    questions.run(copied)
+    perform("questions", copied)
     assert (folder / TEST).is_file()
     hidden = build(tmp_path / "hidden", labyrinths=2, task="partial_observability")
     with pytest.raises(DatasetError, match="hidden from the agent"):
-        questions.run(hidden)
+        perform("questions", hidden)
     assert sorted(path.name for path in hidden.data_dir.iterdir()) == [
         "3x3-partial_observability",
         "README.md",

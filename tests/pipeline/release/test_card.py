@@ -21,7 +21,7 @@ from huggingface_hub import DatasetCard, DatasetCardData
 from PIL import Image
 from support.commands import ended
 from support.composing import composed
-from support.making import RunConfig, make, make_both, resolve
+from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data.errors import DatasetError
@@ -34,7 +34,7 @@ from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.world.rules import Look
 from labyrinth_core.world.solver import Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.inspection import analyse, front_matter
+from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import HASHES
 from pipeline.release import card, texts
@@ -147,7 +147,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     assert "walls to the nearest" not in text(folder)
     assert "can differ from one of `train` in a single wall. Small" in text(folder)
     options = {"stages": ["analyse"], "size": DEFAULT, "labyrinths": 7, "data_dir": str(folder)}
-    analyse.run(resolve(RunConfig(**options)))
+    perform("analyse", resolve(RunConfig(**options)))
     card.write_card(folder)
     pairs = json.loads((folder / DEFAULT / Manifest.ANALYSIS).read_bytes())["leakage"]["pairs"]
     lines = table(text(folder), "config", "same route")
@@ -169,7 +169,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
     whole = path.read_bytes()
     path.write_bytes(whole.replace(b'"spread": "', b'"spread": "9', 1))
     refused(folder, r"analysis\.json cannot be read: .*its sha256 is not the one in SHA256SUMS")
-    analyse.run(resolve(RunConfig(**options, overwrite=True)))
+    perform("analyse", resolve(RunConfig(**options, overwrite=True)))
     assert path.read_bytes() == whole
 
 

@@ -31,7 +31,7 @@ from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import WHY_SPL
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.evaluation import evaluate as evaluate_stage
 from pipeline.machinery.artifact import HASHES
 from pipeline.release.model import stage_policy
@@ -274,7 +274,7 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
     assert settings.endswith(r"`a=<b>\|`, b=\`\<img src=x\> \#\# Mine\`")
-    assert WHY_SPL in card
+    assert Scores.WHY_SPL in card
     assert "| split | holds | labyrinths | SPL | SR in n x n | SR | 95% |" in card
 
 

@@ -18,7 +18,7 @@ from support.submitted import content_of, forgetful, keep, of_run, results_of
 from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import WHY_SPL, by_labyrinth
+from labyrinth_core.evaluation.scores import Scores
 from pipeline.results import results as stage
 from pipeline.results.entry import Entry, boards, entries_of, figures_of
 from pipeline.results.leaderboard import MARK, leaderboard
@@ -111,7 +111,7 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
             row, figures = found[name, split], scores.figures()
             for figure in ("labyrinths", *scores.summary(), "path_efficiency"):
                 assert row[figure] == ("" if figures[figure] is None else str(figures[figure]))
-            figures["spl_interval"] = interval(by_labyrinth(scores.weighted)[None])
+            figures["spl_interval"] = interval(Scores.by_labyrinth(scores.weighted)[None])
             for figure in ("spl", "sr", "aer"):
                 bounds = [row[f"{figure}_low"], row[f"{figure}_high"]]
                 assert bounds == [str(bound) for bound in figures[f"{figure}_interval"]]
@@ -119,10 +119,10 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
             assert (row["train_steps"], row["parameters"]) == ("12", "")
             assert row["compared"] == "True"
         scores = each.splits["test"]
-        low, high = interval(by_labyrinth(scores.weighted)[None])
+        low, high = interval(Scores.by_labyrinth(scores.weighted)[None])
         cells = f"| {100 * scores.spl:.1f} [{100 * low:.1f}, {100 * high:.1f}] |"
         assert re.search(rf"\| {name} {re.escape(cells)}", text(tmp_path / "results"))
-    assert WHY_SPL in text(tmp_path / "results")
+    assert Scores.WHY_SPL in text(tmp_path / "results")
 
 
 def refused_by(run):
@@ -247,7 +247,7 @@ def test_the_command_of_the_page_ends_with_1_for_refused_files_and_ranks_the_oth
     assert (done.returncode, done.stdout) == (1, "1 method: results/leaderboard.md\n")
     first, second, third = done.stderr.splitlines()
     assert first == "error: 2 files not on the leaderboard:"
-    reason = r"test: .*: solved after 3 moves, with a shortest route of \d"
+    reason = r"test: moves\[0\]\[\d\] is 3: .* has a solution of fewer moves than a shortest route"
     assert re.fullmatch(rf"  results/submissions/5x5/forged\.json is refused: {reason}", second)
     assert third == (
         "  results/submissions/again.json is refused: results/submissions/a.json has the same "

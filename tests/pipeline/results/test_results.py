@@ -14,9 +14,9 @@ from rich.console import Console
 from support.submitted import forgetful, keep, of_run, results_of
 
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say_once
 from pipeline.results import results as stage
@@ -30,7 +30,7 @@ PAPER = paper_figures()
 def test_the_paper_has_six_methods_on_five_splits_at_three_sizes():
     sizes = ("3x3", "4x4", "5x5")
     assert set(PAPER) == {
-        (size, split, method) for size in sizes for split in EVALUATED_SPLITS for method in METHODS
+        (size, split, method) for size in sizes for split in SPLITS.evaluated for method in METHODS
     }
     # Read off the tables again, at the corners.
     assert (PAPER["3x3", "train", "bc"].aer, PAPER["3x3", "train", "bc"].sr) == (-1.36, 0.5312)
@@ -73,7 +73,7 @@ def of(run_dir, name):
 def test_the_file_of_results_is_json_with_a_line_for_each_part_of_a_split(evaluated):
     path = evaluated / "3x3" / "bc-cnn-seed0" / "results.json"
     text = path.read_text(encoding="utf-8")
-    assert sum('"outcomes": ' in line for line in text.splitlines()) == len(EVALUATED_SPLITS)
+    assert sum('"outcomes": ' in line for line in text.splitlines()) == len(SPLITS.evaluated)
     assert len(text) < 20_000
 
 
@@ -81,7 +81,7 @@ def test_figures_over_seeds_are_the_means_of_the_seeds(evaluated):
     runs = [of(evaluated, f"bc-cnn-seed{seed}") for seed in (0, 1)]
     (method,) = entries_of(runs)
     assert method.results == runs
-    for split in EVALUATED_SPLITS:
+    for split in SPLITS.evaluated:
         figures, each = method.figures[split], [run.splits[split] for run in runs]
         for name in ("spl", "sr", "sr_within_cells", "aer"):
             mean = np.mean([getattr(scores, name) for scores in each])
@@ -137,7 +137,7 @@ def test_on_a_terminal_of_80_columns_no_name_of_a_split_or_a_method_is_cut(evalu
     assert "\u2026" not in printed
     assert max(map(len, printed.splitlines())) <= 80
     heading = next(line for line in printed.splitlines() if "s0_and_g" in line)
-    assert heading.replace("\u2503", " ").split() == ["method", "seeds", *EVALUATED_SPLITS]
+    assert heading.replace("\u2503", " ").split() == ["method", "seeds", *SPLITS.evaluated]
     rows = [line.split("\u2502")[1].strip() for line in printed.splitlines() if "\u2502" in line]
     assert "".join(rows).replace(" ", "") == f"BC,cnn{title_of(long)}".replace(" ", "")
 

@@ -7,15 +7,13 @@ import tempfile
 from contextlib import redirect_stderr, redirect_stdout
 
 import pytest
+from support.making import perform
 from support.policies import RELEASED
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
-from pipeline.season import judge, reveal, season, verify
 from pipeline.season.commitment import Place
 from pipeline.season.options import SeasonOptions
-
-STAGES = {"season": season, "judge": judge, "reveal": reveal, "verify": verify}
 
 
 class Performer:
@@ -45,7 +43,7 @@ class Performer:
             with redirect_stderr(out):
                 error = ""
                 try:
-                    STAGES[stage].run(run)
+                    perform(stage, run)
                 except (DatasetError, PolicyError) as raised:
                     error = str(raised)
         self.printed += out.getvalue() + error

@@ -15,9 +15,9 @@ from support.learning import equal_weights
 from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import EVALUATED_SPLITS
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
@@ -183,7 +183,7 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
     assert results.run.of_all_seeds == "bc-cnn-fresh"
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == "fresh"
-    assert {content["splits"][split]["labyrinths"] for split in EVALUATED_SPLITS} == {8}
+    assert {content["splits"][split]["labyrinths"] for split in SPLITS.evaluated} == {8}
 
 
 @pytest.mark.parametrize(

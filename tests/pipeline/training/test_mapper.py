@@ -17,7 +17,7 @@ from support.learning import settings_of
 from support.making import Run
 
 from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import attempts, step_through
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Steps
@@ -103,7 +103,9 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
         and len(each.actions)
         == len(Solver(each.labyrinth).shortest_route(np.random.default_rng(0)))
         for each in attempts(
-            Player.of(policy, 0), as_arrays(labyrinths, drawing), range(len(labyrinths))
+            Player.of(policy, 0),
+            LabyrinthArrays.of_labyrinths(labyrinths, drawing),
+            range(len(labyrinths)),
         )
     ]
     return float(np.mean(won))
@@ -246,7 +248,9 @@ def counted(player: Player) -> tuple[Player, list[int]]:
 
 def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     torch.manual_seed(0)
-    arrays = as_arrays(labyrinths_of(2, 2, 3), ObservationSpec("image", PICTURE_SIZE, draw=True))
+    arrays = LabyrinthArrays.of_labyrinths(
+        labyrinths_of(2, 2, 3), ObservationSpec("image", PICTURE_SIZE, draw=True)
+    )
     for remember in (True, False):
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)

@@ -15,6 +15,7 @@ from torch import nn
 from labyrinth_core.learning import learner
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Rollout, Steps, draw, roll_out, softmax
+from labyrinth_core.policies.networks.adversarial import Discriminator
 from labyrinth_core.policies.networks.network import Cnn
 from labyrinth_core.policies.networks.symmetry import (
     SYMMETRIES,
@@ -24,7 +25,6 @@ from labyrinth_core.policies.networks.symmetry import (
 )
 from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training.methods import bco, dagger, gail, iupe, sqil
-from pipeline.training.methods.gail import Discriminator
 
 pytestmark = pytest.mark.slow
 

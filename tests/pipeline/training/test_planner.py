@@ -16,7 +16,7 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.evaluation.labyrinth_arrays import as_arrays, load_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.pictures.observations import ObservationSpec
@@ -152,7 +152,7 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     pictures = ObservationSpec("image", 64, draw=True)
-    assert success_rate(policy, as_arrays(labyrinths, pictures)) >= 0.9
+    assert success_rate(policy, LabyrinthArrays.of_labyrinths(labyrinths, pictures)) >= 0.9
     recoloured = replace(labyrinths[0], look=Look.RECOLOURED)
     assert np.isfinite(policy(np.stack([render(recoloured, State(7), 64)]))).all()
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 import yaml
 from support.asking import NAME, OPTIONS, SHIFTS, SPLITS, TEST, asked, copied
+from support.making import perform
 
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
-from pipeline.questions import stage as questions
 from pipeline.release import card
 from pipeline.release.verify import verify
 
@@ -49,7 +49,7 @@ def test_the_card_lists_the_questions_until_the_dataset_has_other_rows(copied, b
     assert listed_splits(readme) is None
     assert f"no longer lists {NAME}-questions: " in capsys.readouterr().out
     grown = replace(copied, dataset=replace(copied.dataset, labyrinths=5))
-    questions.run(grown)
+    perform("questions", grown)
     assert f"{NAME}-questions" in readme.read_text().split("---\n")[1]
 
 
