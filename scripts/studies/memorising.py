@@ -87,6 +87,7 @@ def planned() -> Iterator[Asked]:
     for number, train in enumerate(TWENTY):
         others = tuple(TWENTY[(number + step) % 20] for step in range(1, 1 + NEIGHBOURS))
         yield Asked(f"validity-bc-{train}", train, "bc", train, others=others)
+        yield Asked(f"route-memory-of-{train}", train, "route memory")
     for seed in range(5):
         for method in (*SIX, "planner", "mapper"):
             if (method, seed) != ("bc", 0):

@@ -59,6 +59,8 @@ def methods() -> str:
     rows = [_row(_named(method), list(group)) for method, group in groups]
     if others := _asked_about_others():
         rows.append(_row("BC, each on another train", others))
+    remembered = [each for each in kept() if each["name"].startswith("route-memory-of")]
+    rows.append(_row("route memory, each on another train", remembered))
     return table(HEADING, rows, "l" + "r" * (len(HEADING) - 1))
 
 
@@ -152,7 +154,8 @@ def kept() -> list[Kept]:
 
 
 def _references() -> list[str]:
-    return [each.name for each in planned() if each.method in (*REFERENCES, "released")]
+    untrained = (*REFERENCES, "released")
+    return [each.name for each in planned() if each.method in untrained and not each.train]
 
 
 def _order(each: Kept) -> int:

@@ -109,7 +109,7 @@ def test_procgen_has_a_row_for_each_game_and_view() -> None:
     rows = report.procgen().splitlines()
     assert len(rows) == 2 + 16
     assert rows[2] == "| maze | 3.0 [1.8, 4.9] | 1.8 [0.9, 3.4] |"
-    assert len(report.procgen_views().splitlines()) == 2 + 5
+    assert len(report.procgen_views().splitlines()) == 2 + 10
 
 
 def test_the_page_and_the_readme_lead_with_the_number_of_a_certificate() -> None:
