@@ -20,17 +20,12 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import WholeEpisodes, grouped
 from labyrinth_core.data.format import GROUP_BYTES
 from labyrinth_core.data.location import download, explained, local_folder
-from labyrinth_core.data.manifest import (
-    Manifest,
-    Shard,
-    replaced,
-    table_file,
-    table_groups,
-)
+from labyrinth_core.data.manifest import Manifest, Shard, replaced
 from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
 from labyrinth_core.data.selection import Spans, Step, ends_of, select
-from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.data.table import table_file, table_groups
+from labyrinth_core.storage import AnyPath, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -219,10 +214,10 @@ class Source:
         """The commit on the Hub from which everything is read; None for a folder."""
         if self.local is not None:
             return None
-        from labyrinth_core.data.hub import commit_of
+        from labyrinth_core import hub
 
         with explained(str(self.source), self.revision):
-            return commit_of(str(self.source), "dataset", self.revision)
+            return hub.commit_of(str(self.source), "dataset", self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
         """Return the folder with the manifest and the files that match names or patterns.

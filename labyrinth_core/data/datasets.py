@@ -24,9 +24,9 @@ from labyrinth_core.data.dataset import Filter, Query, Source
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
 from labyrinth_core.data.splits import SPLITS, is_of_train
-from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.storage import AnyPath
 from labyrinth_core.world.labyrinth import Labyrinth
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from pathlib import Path
 from posixpath import normpath
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError, readable
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, folder_at
+from labyrinth_core.data.manifest import Manifest, readable
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, folder_at
 
 HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
 
@@ -61,7 +61,7 @@ def explained(source: str, revision: str | None) -> Iterator[None]:
     """Turn the errors of the Hub's client into a DatasetError, one line."""
     from huggingface_hub.errors import RevisionNotFoundError
 
-    from labyrinth_core.data.hub import UNAVAILABLE, reason_of
+    from labyrinth_core import hub
 
     try:
         yield
@@ -69,8 +69,8 @@ def explained(source: str, revision: str | None) -> Iterator[None]:
         raise
     except RevisionNotFoundError as error:
         raise DatasetError(_no_revision(source, revision)) from error
-    except UNAVAILABLE as error:
-        raise DatasetError(f"{why_unavailable(source, error)}: {reason_of(error)}") from error
+    except hub.UNAVAILABLE as error:
+        raise DatasetError(f"{why_unavailable(source, error)}: {hub.reason_of(error)}") from error
 
 
 def download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
@@ -81,16 +81,16 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
     """
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import download, repeated, require_whole
+    from labyrinth_core import hub
 
     def downloaded(names: Iterable[str]) -> Path:
         paths = [normpath(f"{config}/{name}") for name in names]
-        return download(source, "dataset", commit, paths) / config
+        return hub.download(source, "dataset", commit, paths) / config
 
     with explained(source, commit):
         folder = downloaded([Manifest.FILE])
         if not _has_episodes(folder):
-            there = repeated(
+            there = hub.repeated(
                 lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
             )
             if f"{config}/{Manifest.FILE}" in there:
@@ -98,7 +98,7 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
                     f"{source}: the Hub lists {config}/{Manifest.FILE} but has it not"
                 )
             raise _no_config(source, config, (path for path in there if path.count("/") == 1))
-        require_whole(folder / Manifest.FILE)
+        hub.require_whole(folder / Manifest.FILE)
     if files:
         shards = [shard.path for shard in Manifest.read(folder).shards]
         named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
@@ -111,12 +111,12 @@ def _no_revision(source: str, revision: str | None) -> str:
     """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE, repeated
+    from labyrinth_core import hub
 
     message = f"{source} has no revision {revision}"
     try:
-        refs = repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
-    except UNAVAILABLE:
+        refs = hub.repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
+    except hub.UNAVAILABLE:
         return message
     return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
 

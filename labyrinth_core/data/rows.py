@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
 from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, OTHERS, open_encoded
-from labyrinth_core.data.manifest import Shard, mended, unless_replaced
-from labyrinth_core.data.storage import AnyPath, File, RemotePath
+from labyrinth_core.data.manifest import AGAIN, Shard, mended, readable, unless_replaced
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import AnyPath, File, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset import Filter
 from labyrinth_core.data.datasets import Dataset, Selection
 from labyrinth_core.data.episodes import replayed
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec

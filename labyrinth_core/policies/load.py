@@ -11,13 +11,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 
 if TYPE_CHECKING:
     import torch
@@ -98,7 +98,7 @@ def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path
     Raises:
         DatasetError: A file is too large or damaged, or the Hub does not give it.
     """
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     names = [*names]
     folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})

@@ -11,13 +11,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
 from labyrinth_core.data.location import why_unavailable
+from labyrinth_core.data.manifest import readable
 from labyrinth_core.data.rows import each_read
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
+from labyrinth_core.storage import AnyPath
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.structure import Structure
 from pipeline.inspection import front_matter
@@ -157,7 +158,7 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     import yaml
     from datasets import load_dataset
 
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     hub.prepare_client()
     try:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, File, RemotePath
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
 if TYPE_CHECKING:

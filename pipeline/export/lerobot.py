@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 

@@ -29,14 +29,14 @@ from rich.table import Table
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import (
     Manifest,
     Shard,
     TableFile,
 )
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import AnyPath, File
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing, Solution
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.manifest import Shard
 from labyrinth_core.data.rows import BATCH_ROWS, values_of
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
 from labyrinth_core.world.labyrinth import Labyrinth

@@ -22,13 +22,13 @@ import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.world.dynamics import Episode
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State

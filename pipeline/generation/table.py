@@ -20,8 +20,8 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
-from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 

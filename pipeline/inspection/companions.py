@@ -18,7 +18,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import Column
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.storage import AnyPath
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,12 @@ import yaml
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
 

@@ -9,8 +9,8 @@ from typing import Any
 
 from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import each_read
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.executor import ordered_map

@@ -13,12 +13,12 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
+from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter

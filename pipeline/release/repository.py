@@ -32,8 +32,8 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 )
 from huggingface_hub.utils.sha import git_hash
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import MALFORMED, DatasetError
+from labyrinth_core import hub
+from labyrinth_core.errors import MALFORMED, DatasetError
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say, tracked
 from pipeline.release.faults import PublishError, reasons

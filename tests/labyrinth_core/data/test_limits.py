@@ -27,7 +27,7 @@ from labyrinth_core.data.dataset import Part
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, TableFile
 from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 
 MOST = 700 << 20
 """Bytes of memory beyond those of the libraries."""
@@ -39,7 +39,7 @@ import labyrinth_core
 from labyrinth_core import (
     Dataset, load_arrays, load_episodes, load_transitions, stream_episodes, stream_transitions
 )
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.generation.check import validate
 from pipeline.generation.table import structures_in
 from labyrinth_core.data.manifest import Manifest

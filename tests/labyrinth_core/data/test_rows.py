@@ -11,8 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 from support.making import Run
 
-from labyrinth_core.data.errors import readable
 from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data.manifest import readable
 from labyrinth_core.data.rows import open_shard
 from pipeline.generation.table import read_schema
 

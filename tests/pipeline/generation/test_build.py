@@ -26,9 +26,9 @@ from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
+from labyrinth_core.storage import LocalFile
 from labyrinth_core.world.rules import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making

@@ -36,7 +36,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 from huggingface_hub.file_download import repo_folder_name
 from huggingface_hub.utils import hf_raise_for_status  # type: ignore[attr-defined]
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 
 VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
 """Environment variable for the seconds without a byte after which a call fails; its default."""
