@@ -112,6 +112,7 @@ HOMES = {
     "pyarrow": (
         "labyrinth_core.benchmarks",
         "labyrinth_core.data",
+        "labyrinth_core.evaluation.labyrinth_arrays",
         "pipeline.generation",
         "pipeline.questions",
         "pipeline.export",

@@ -130,6 +130,11 @@ class LoadedEpisode:
         return not self.terminated
 
     @property
+    def actions_of_states(self) -> NDArray[np.int64]:
+        """The action taken in each of the T + 1 states: -1 in the last, as in the column."""
+        return np.append(self.actions, NO_ACTION)
+
+    @property
     def beginning(self) -> tuple[int, int]:
         """The id of the labyrinth, and the index of its first state, see `state_index`."""
         labyrinth = parse(self.info)

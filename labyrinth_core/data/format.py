@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterator
 from itertools import repeat
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
@@ -31,6 +31,10 @@ episode, and a shard ends with a labyrinth; streams rely on both.
 The Hub's viewer reads no group of more than 286 MiB, and needs several times its size in memory. A
 group of 256 rows has 7 MB at 100x100, 41 MB at 250x250.
 """
+
+
+BATCH_ROWS = 4096
+"""The rows read at once."""
 
 
 class Column(NamedTuple):
@@ -77,6 +81,62 @@ class Columns(tuple[Column, ...]):
     """The columns of a file, in order."""
 
     __slots__ = ()
+
+    def opened(self, source: Path | BinaryIO, **options: Any) -> ParquetFile:
+        """Open a Parquet file, whose texts and pictures are read dictionary-encoded.
+
+        A few bytes of a file may repeat a value of megabytes in thousands of rows. Encoded, each
+        value is in memory once.
+
+        Args:
+            source: The file, which may lack some of the columns.
+            **options: Arguments of `ParquetFile`.
+
+        Raises:
+            OSError, ArrowException: The file cannot be read.
+        """
+        import pyarrow.parquet as pq
+
+        with pq.ParquetFile(source) as file:
+            footer = file.metadata
+        held = set()
+        if footer.num_row_groups:  # Not from `footer.schema`, which makes a cycle of references.
+            group = footer.row_group(0)
+            held = {group.column(number).path_in_schema for number in range(group.num_columns)}
+        texts = [column.name for column in self if column.type == "string"]
+        for column in self:
+            if column.type == "Image":
+                texts += [f"{column.name}.bytes", f"{column.name}.path"]
+        encoded = [name for name in texts if name in held]
+        try:
+            return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)
+        except KeyError as error:
+            raise OSError(f"its footer names a column that it has not: {error}") from error
+
+    def values_in(self, file: ParquetFile) -> Iterator[dict[str, list[Any]]]:
+        """Yield the values of all columns, some rows at a time.
+
+        Equal values of a batch of texts or pictures are one object. A picture has two entries, such
+        as `obs.bytes` and `obs.path`.
+        """
+        import pyarrow.compute as pc
+
+        for group in range(file.num_row_groups):
+            # A row group is read at once, unless it has very many rows.
+            for batch in file.iter_batches(BATCH_ROWS, [group]):
+                values = {}
+                for column in self:
+                    array = batch[column.name]
+                    if column.type == "Image":
+                        for name in ("bytes", "path"):
+                            part = pc.struct_field(array, name)
+                            values[f"{column.name}.{name}"] = values_of(part)
+                            del part
+                    else:
+                        values[column.name] = values_of(array)
+                    del array
+                del batch  # It holds the pictures a second time.
+                yield values
 
     @property
     def numbers(self) -> Columns:
@@ -168,25 +228,12 @@ TABLE_COLUMNS = Columns(
 """The columns of the table of labyrinths, one row per labyrinth; see `Manifest.TABLE`."""
 
 
-def open_encoded(source: Path | BinaryIO, columns: Iterable[str], **options: Any) -> ParquetFile:
-    """Open a Parquet file and read some columns, if it has them, dictionary-encoded.
+def values_of(column: pa.Array) -> list[Any]:
+    """Return the values of a column; equal values of a dictionary are one object."""
+    import pyarrow as pa
 
-    A few bytes of a file may repeat a value of megabytes in thousands of rows. Encoded, each value
-    is in memory once.
-
-    Raises:
-        OSError, ArrowException: The file cannot be read.
-    """
-    import pyarrow.parquet as pq
-
-    with pq.ParquetFile(source) as file:
-        footer = file.metadata
-    there = set()
-    if footer.num_row_groups:  # Not from `footer.schema`, which makes a cycle of references.
-        group = footer.row_group(0)
-        there = {group.column(number).path_in_schema for number in range(group.num_columns)}
-    encoded = [name for name in columns if name in there]
-    try:
-        return pq.ParquetFile(source, metadata=footer, read_dictionary=encoded, **options)
-    except KeyError as error:
-        raise OSError(f"its footer names a column that it has not: {error}") from error
+    if not pa.types.is_dictionary(column.type):
+        values: list[Any] = column.to_pylist()
+        return values
+    distinct = [*column.dictionary.to_pylist(), None]
+    return [distinct[-1 if index is None else index] for index in column.indices.to_pylist()]

@@ -261,7 +261,7 @@ def transitions_in(
         found = _in_memory(part, spec)
     if not optimal:
         return found
-    blocks = replayed(part.rows(pictures=False), part.config)
+    blocks = part.replayed(pictures=False)
     acting = [block.optimal()[block.acting] for block in blocks]
     return replace(found, optimal=np.concatenate(acting))
 

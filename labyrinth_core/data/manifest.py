@@ -17,12 +17,13 @@ import re
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable
@@ -32,7 +33,7 @@ from labyrinth_core.storage import (
 )
 
 if TYPE_CHECKING:
-    pass
+    from pyarrow.parquet import ParquetFile
 
 MOST = 10**15
 """The largest count that a manifest may hold."""
@@ -45,6 +46,16 @@ Result = TypeVar("Result")
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and its format if structures come from several chunks of
 candidates."""
+
+
+ROW_GROUP = 256
+"""A row group with this many rows ends at the next end of an episode."""
+
+MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
+"""The most rows and uncompressed bytes of a row group; every picture has at least 512 bytes."""
+
+MOST_TEXTS = 16 << 20
+"""The most uncompressed bytes of `info` in a row group: ten times those at 300x300."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +91,42 @@ class Shard:
         if shard.rows > shard.bytes:
             raise ValueError(f"{shard.path} has {shard.rows} rows in {shard.bytes} bytes")
         return shard
+
+    def footer_problem(self, file: ParquetFile) -> str | None:
+        """Return why the footer of a file is not this shard's, before any row is read; else None.
+
+        A few bytes may decompress to any number of rows, and a row group is read as a whole.
+        """
+        rows = self.rows
+        footer = file.metadata
+        groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+        if not rows == footer.num_rows == sum(group.num_rows for group in groups):
+            return f"rows {footer.num_rows}, but the manifest says {rows}"
+        for group in groups:
+            if group.num_rows > MOST_ROWS:
+                return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
+            if group.total_byte_size > MOST_BYTES:
+                return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
+            if group.total_byte_size <= MOST_TEXTS:
+                continue
+            columns = map(group.column, range(group.num_columns))
+            texts = (column for column in columns if column.path_in_schema == "info")
+            size = sum(column.total_uncompressed_size for column in texts)
+            if size > MOST_TEXTS:
+                return f"a row group has {size} bytes of texts, more than {MOST_TEXTS}"
+        return None
+
+    @staticmethod
+    def ends_group(rows: int, picture_bytes: int, action: int) -> bool:
+        """Return whether a writer ends a row group with a row.
+
+        Args:
+            rows: The number of rows in the group.
+            picture_bytes: The size of the last row's picture.
+            action: The last row's `actions`.
+        """
+        is_full = action == NO_ACTION and rows >= ROW_GROUP
+        return is_full or rows * picture_bytes >= GROUP_BYTES
 
 
 @dataclass(frozen=True)
@@ -131,7 +178,7 @@ class Manifest:
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
-    """The table of labyrinths; None in the manifest of a companion."""
+    """The table of labyrinths; None in the manifest of a companion, or before it is made."""
     format: int = FORMAT
     companions: Mapping[str, Manifest] = field(default_factory=dict)
     """The manifests of the configs that stages wrote beside the dataset about its labyrinths, files
@@ -144,13 +191,19 @@ class Manifest:
         config: DatasetConfig,
         versions: Mapping[str, str],
         shards: tuple[Shard, ...],
-        table: TableFile,
         *,
         in_one_chunk: bool,
     ) -> Manifest:
-        """Return the manifest of a new dataset; its format tells whether there was one chunk."""
+        """Return the manifest of a new dataset, which lacks its table; see `with_table`.
+
+        Its format tells whether there was one chunk of candidates.
+        """
         form = FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
-        return cls(config, versions, shards, table, form)
+        return cls(config, versions, shards, format=form)
+
+    def with_table(self, path: Path) -> Manifest:
+        """Return the manifest with a file as the table of labyrinths."""
+        return replace(self, labyrinths=TableFile(path.stat().st_size, File(path).sha256()))
 
     @property
     def table(self) -> TableFile:

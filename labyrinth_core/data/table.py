@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING
 
-from labyrinth_core.data.format import TABLE_COLUMNS, open_encoded
+from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import AGAIN, Manifest, mended, readable, unless_replaced
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath, File
@@ -16,7 +16,6 @@ if TYPE_CHECKING:
     import pyarrow.parquet
 
 _TABLE_KINDS = {column.name: column.feature["dtype"] for column in TABLE_COLUMNS}
-_TEXTS = [name for name, kind in _TABLE_KINDS.items() if kind == "string"]
 
 MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
 """The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
@@ -43,7 +42,7 @@ def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.
 
         size = mended(path, check)
         with readable(path):
-            file = stack.enter_context(open_encoded(local, _TEXTS))
+            file = stack.enter_context(TABLE_COLUMNS.opened(local))
         if problem := table_problem(file, manifest, size):
             raise DatasetError(f"{path} is damaged: {problem}")
         yield file

@@ -11,7 +11,6 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
@@ -78,7 +77,9 @@ def located(source: str | Path, revision: str | None) -> Path:
     """
     folder = Path(source).expanduser()
     if not folder.is_dir():
-        if not HUB_ID.fullmatch(str(source)):
+        from labyrinth_core import hub
+
+        if not hub.ID.fullmatch(str(source)):
             raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
         return downloaded(str(source), revision, PUBLISHED)
     if revision is not None:

@@ -15,7 +15,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
@@ -153,7 +152,9 @@ def files_of(
 
 def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     """Return the files of a policy on the Hub, after downloading them."""
-    if not HUB_ID.fullmatch(source):
+    from labyrinth_core import hub
+
+    if not hub.ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")
     for names in _KINDS:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
+from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
@@ -131,7 +131,7 @@ def _frames(episode: LoadedEpisode, number: int, first: int) -> dict[str, Any]:
     steps = np.arange(len(episode) + 1)
     done = steps >= len(episode) - 1
     return {
-        "action": np.append(episode.actions, NO_ACTION),
+        "action": episode.actions_of_states,
         "next.reward": np.append(episode.rewards, np.float32(0)),
         "next.done": done,
         "next.truncated": done & episode.truncated,

@@ -22,7 +22,6 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import footer_problem, open_shard
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import is_litter
@@ -140,8 +139,8 @@ def check_shard(job: CheckJob) -> ShardReport:
         with File(job.file.path).local_copy() as local:
             if not read_schema(local).equals(COLUMNS.arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
-            with open_shard(local) as file, no_garbage_collection():
-                if problem := footer_problem(file, job.shard.rows):
+            with COLUMNS.opened(local) as file, no_garbage_collection():
+                if problem := job.shard.footer_problem(file):
                     return ShardReport(job.shard, [f"{path}: {problem}"])
                 return _compared(job, file, local)
     except FileNotFoundError:

@@ -254,7 +254,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
 
 def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
     """Yield the cells of each route that train demonstrates in a labyrinth."""
-    for episode in Drawing(config).solve("train", labyrinth).episodes:
+    for episode in Drawing(config).episodes("train", labyrinth):
         yield [state.agent for state in episode.states]
 
 
