@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from itertools import repeat
+from itertools import repeat, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
@@ -48,17 +48,6 @@ class Column(NamedTuple):
     """Returns the values in the T + 1 rows of an episode, for a column of numbers or booleans of
     the rows: what is written, hashed and checked."""
 
-    @classmethod
-    def of(
-        cls,
-        name: str,
-        dtype: str,
-        meaning: str,
-        values: Callable[[Episode], list[Any]] | None = None,
-    ) -> Column:
-        """Return a column of plain values, such as `int32` or `string`."""
-        return cls(name, {"dtype": dtype, "_type": "Value"}, meaning, values)
-
     @property
     def type(self) -> str:
         """The name of the type of its values, such as `int32`."""
@@ -81,6 +70,23 @@ class Columns(tuple[Column, ...]):
     """The columns of a file, in order."""
 
     __slots__ = ()
+
+    @classmethod
+    def of(cls, *columns: tuple[Any, ...]) -> Columns:
+        """Return columns, each given by the fields of `Column`.
+
+        In place of its feature, a column may have the name of a type, such as `int32`, `string` or
+        `Image`.
+        """
+
+        def column(name: str, feature: str | dict[str, Any], *rest: Any) -> Column:
+            if feature == "Image":
+                feature = {"_type": "Image"}
+            elif isinstance(feature, str):
+                feature = {"dtype": feature, "_type": "Value"}
+            return Column(name, feature, *rest)
+
+        return cls(starmap(column, columns))
 
     def opened(self, source: Path | BinaryIO, **options: Any) -> ParquetFile:
         """Open a Parquet file, whose texts and pictures are read dictionary-encoded.
@@ -167,29 +173,27 @@ class Columns(tuple[Column, ...]):
         )
 
 
-COLUMNS = Columns(
+COLUMNS = Columns.of(
+    ("obs", "Image", "picture of the state, 600 x 600 RGB, PNG"),
     (
-        Column("obs", {"_type": "Image"}, "picture of the state, 600 x 600 RGB, PNG"),
-        Column(
-            "actions",
-            {"names": [action.name.lower() for action in Action], "_type": "ClassLabel"},
-            "action taken: 0 up, 1 right, 2 down, 3 left; -1 in the last row of an episode",
-            lambda episode: [*episode.actions.tolist(), NO_ACTION],
-        ),
-        Column.of(
-            "rewards",
-            "float32",
-            "reward received for the action; 0 in the last row of an episode",
-            lambda episode: [*episode.rewards.tolist(), 0.0],
-        ),
-        Column.of(
-            "episode_starts",
-            "bool",
-            "whether the row is the first of an episode",
-            lambda episode: [True, *repeat(False, len(episode))],
-        ),
-        Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
-    )
+        "actions",
+        {"names": [action.name.lower() for action in Action], "_type": "ClassLabel"},
+        "action taken: 0 up, 1 right, 2 down, 3 left; -1 in the last row of an episode",
+        lambda episode: [*episode.actions.tolist(), NO_ACTION],
+    ),
+    (
+        "rewards",
+        "float32",
+        "reward received for the action; 0 in the last row of an episode",
+        lambda episode: [*episode.rewards.tolist(), 0.0],
+    ),
+    (
+        "episode_starts",
+        "bool",
+        "whether the row is the first of an episode",
+        lambda episode: [True, *repeat(False, len(episode))],
+    ),
+    ("info", "string", "the labyrinth, in the text language that loads it again"),
 )
 """The columns of the rows."""
 
@@ -197,33 +201,27 @@ _NAMED = ("actions", "rewards", "episode_starts")
 OTHERS = tuple(column for column in COLUMNS.numbers if column.name not in _NAMED)
 """Those without a field of their own in `LoadedEpisode` and `Transitions`."""
 
-TABLE_COLUMNS = Columns(
-    (
-        # Text, since numbers of JSON and JavaScript cannot hold sixteen hexadecimal digits.
-        Column.of("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
-        Column.of("structure_id", "string", "hash of its structure, likewise"),
-        Column.of("split", "string", "split that it is in"),
-        Column.of("parent_id", "string", "labyrinth that it was derived from; null if from none"),
-        Column.of("height", "int32", "rows of cells"),
-        Column.of("width", "int32", "columns of cells"),
-        Column.of("task", "string", "task, such as navigation"),
-        Column.of("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
-        Column.of("goal", "int32", "cell of the goal, likewise"),
-        Column.of("moves", "int32", "moves on a shortest route"),
-        Column.of(
-            "optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"
-        ),
-        Column.of("turns", "int32", "changes of direction on its first route; null in random"),
-        Column.of("loops", "int32", "passages beyond those of a tree"),
-        Column.of("branching", "int32", "cells with three or four passages"),
-        Column.of("dead_ends", "int32", "cells with one passage"),
-        Column.of("episodes", "int32", "episodes in the split"),
-        Column.of("first_row", "int64", "its first row in the split, counted from 0"),
-        Column.of("rows", "int32", "rows in the split, which follow one another"),
-        Column.of(
-            "optimal_actions", "int32", "actions in its episodes that begin a shortest route"
-        ),
-    )
+TABLE_COLUMNS = Columns.of(
+    # Text, since numbers of JSON and JavaScript cannot hold sixteen hexadecimal digits.
+    ("labyrinth_id", "string", "hash of the labyrinth, sixteen hexadecimal digits"),
+    ("structure_id", "string", "hash of its structure, likewise"),
+    ("split", "string", "split that it is in"),
+    ("parent_id", "string", "labyrinth that it was derived from; null if from none"),
+    ("height", "int32", "rows of cells"),
+    ("width", "int32", "columns of cells"),
+    ("task", "string", "task, such as navigation"),
+    ("start", "int32", "cell of the start: row * width + column, row 0 at the bottom"),
+    ("goal", "int32", "cell of the goal, likewise"),
+    ("moves", "int32", "moves on a shortest route"),
+    ("optimal_routes", "int64", "shortest routes; 2**63 - 1 stands for that many or more"),
+    ("turns", "int32", "changes of direction on its first route; null in random"),
+    ("loops", "int32", "passages beyond those of a tree"),
+    ("branching", "int32", "cells with three or four passages"),
+    ("dead_ends", "int32", "cells with one passage"),
+    ("episodes", "int32", "episodes in the split"),
+    ("first_row", "int64", "its first row in the split, counted from 0"),
+    ("rows", "int32", "rows in the split, which follow one another"),
+    ("optimal_actions", "int32", "actions in its episodes that begin a shortest route"),
 )
 """The columns of the table of labyrinths, one row per labyrinth; see `Manifest.TABLE`."""
 

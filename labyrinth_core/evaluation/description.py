@@ -13,8 +13,7 @@ import numpy as np
 
 from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig
 
 LONGEST = 300
 """The largest number of characters of a text."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.datasets import Dataset, Selection
+from labyrinth_core.data import Dataset, Selection
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks

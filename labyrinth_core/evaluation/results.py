@@ -14,7 +14,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from labyrinth_core import typed
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset

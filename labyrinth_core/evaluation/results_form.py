@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 
 from labyrinth_core import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
     MOST_EPISODES,

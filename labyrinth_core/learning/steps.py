@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from labyrinth_core.data.datasets import Selection
+from labyrinth_core.data import Selection
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
 from labyrinth_core.learning.observations import Observations, parts_of

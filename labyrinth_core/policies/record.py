@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
 from labyrinth_core import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.description import TrainedRun, Training
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS

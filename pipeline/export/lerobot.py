@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data import TABLE_COLUMNS, LoadedEpisode
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions

@@ -8,7 +8,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import File
 from pipeline.config.errors import check

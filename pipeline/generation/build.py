@@ -26,14 +26,7 @@ from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.manifest import (
-    Manifest,
-    Shard,
-)
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath
 from pipeline.config.errors import ConfigError

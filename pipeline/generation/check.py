@@ -18,11 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import is_litter
 from labyrinth_core.storage import AnyPath, File

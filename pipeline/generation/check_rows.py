@@ -14,10 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import COLUMNS, DatasetConfig, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in

@@ -7,9 +7,7 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world.dynamics import Episode, replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import LabyrinthError

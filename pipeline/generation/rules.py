@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import tiles_matter

@@ -20,9 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data import COLUMNS, DatasetConfig, Manifest, Shard
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest

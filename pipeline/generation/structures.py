@@ -29,11 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import (
-    Drawing,
-)
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.structure import Structure
 from pipeline.config.errors import ConfigError

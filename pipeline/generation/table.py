@@ -15,10 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data import TABLE_COLUMNS, Dataset, DatasetConfig, Manifest, Shard
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world.labyrinth import Labyrinth

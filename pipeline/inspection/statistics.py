@@ -12,8 +12,7 @@ from functools import partial
 from typing import Annotated, Any, TypedDict
 
 from labyrinth_core import typed
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection import front_matter

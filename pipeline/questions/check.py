@@ -7,8 +7,7 @@ from functools import partial
 from itertools import zip_longest
 from typing import Any
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of

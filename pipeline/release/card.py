@@ -16,8 +16,7 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__

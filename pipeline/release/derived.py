@@ -13,9 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from labyrinth_core.storage import File

@@ -11,9 +11,7 @@ from typing import Any
 
 from huggingface_hub import EvalResult, ModelCardData
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset

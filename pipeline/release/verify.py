@@ -25,7 +25,7 @@ from huggingface_hub import get_token
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
 from labyrinth_core import hub
-from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data import COLUMNS
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.spec import WEIGHTS

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results

@@ -16,9 +16,7 @@ from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
 from labyrinth_core import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement

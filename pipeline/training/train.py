@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
