@@ -178,8 +178,11 @@ class Episodes:
     """The index of each row's state, as in `Labyrinth.state_index`, shape (n,)."""
     over: NDArray[np.bool_]
     """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
-    ids: NDArray[np.int64]
-    """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
+        return np.array([int(labyrinth_id(text), 16) for text in self.texts], np.int64)
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -205,7 +208,6 @@ class Episodes:
             which,
             self.states[rows],
             self.over[rows],
-            self.ids[used],
         )
 
     def observed(
@@ -220,6 +222,8 @@ class Episodes:
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
+        if pictures is None and spec.observation == "image":
+            pictures = spec.memory(len(self.states))
         if spec.decodes:
             pngs = self.whole.rows.pngs
             assert pngs is not None
@@ -246,10 +250,10 @@ class Episodes:
 
     def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
         """Yield the episodes one by one, given each row's observation; all arrays are views."""
-        rows, firsts, lasts = self.whole
+        (rows, firsts, lasts), ids = self.whole, self.ids
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             yield LoadedEpisode(
-                labyrinth_id=int(self.ids[self.which[first]]),
+                labyrinth_id=int(ids[self.which[first]]),
                 info=rows.texts[rows.info[first]],
                 observations=observations[first : last + 1],
                 actions=rows.actions[first:last],
@@ -338,5 +342,4 @@ def _together(
     if replayed is None:
         return None
     of_row = np.repeat(which, whole.lasts - whole.firsts + 1)
-    ids = [int(labyrinth_id(text), 16) for text in texts]
-    return Episodes(whole, texts, labyrinths, of_row, *replayed, np.array(ids, np.int64))
+    return Episodes(whole, texts, labyrinths, of_row, *replayed)
