@@ -396,7 +396,11 @@ def test_a_room_says_what_it_is_and_its_door_exports_few_names(room):
         if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] in PACKAGES
         for name in node.names
     ]
-    defined = [node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    defined = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name != "__getattr__"
+    ]
     assert room not in DOORS or len(imported) + len(defined) <= MOST_EXPORTED
 
 
