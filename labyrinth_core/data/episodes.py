@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.observations import ObservationSpec, PictureError
@@ -128,6 +128,11 @@ class LoadedEpisode:
     def truncated(self) -> bool:
         """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
         return not self.terminated
+
+    @property
+    def actions_of_states(self) -> NDArray[np.int64]:
+        """The action taken in each of the T + 1 states: -1 in the last, as in the column."""
+        return np.append(self.actions, NO_ACTION)
 
     @property
     def beginning(self) -> tuple[int, int]:

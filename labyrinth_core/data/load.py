@@ -31,9 +31,9 @@ from labyrinth_core.data.cache import (
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.rows import Rows
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import style_for
@@ -261,7 +261,7 @@ def transitions_in(
         found = _in_memory(part, spec)
     if not optimal:
         return found
-    blocks = replayed(part.rows(pictures=False), part.config)
+    blocks = part.replayed(pictures=False)
     acting = [block.optimal()[block.acting] for block in blocks]
     return replace(found, optimal=np.concatenate(acting))
 

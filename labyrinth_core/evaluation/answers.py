@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world.rules import Action, Task
 

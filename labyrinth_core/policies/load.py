@@ -11,13 +11,12 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 
 if TYPE_CHECKING:
     import torch
@@ -78,7 +77,9 @@ def located(source: str | Path, revision: str | None) -> Path:
     """
     folder = Path(source).expanduser()
     if not folder.is_dir():
-        if not HUB_ID.fullmatch(str(source)):
+        from labyrinth_core import hub
+
+        if not hub.ID.fullmatch(str(source)):
             raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
         return downloaded(str(source), revision, PUBLISHED)
     if revision is not None:
@@ -98,7 +99,7 @@ def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path
     Raises:
         DatasetError: A file is too large or damaged, or the Hub does not give it.
     """
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     names = [*names]
     folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})

@@ -8,8 +8,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.evaluate import Evaluation

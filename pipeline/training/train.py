@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
@@ -41,6 +40,7 @@ from labyrinth_core.policies.spec import (
     WEIGHTS,
     PolicySpec,
 )
+from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions

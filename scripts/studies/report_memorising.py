@@ -10,7 +10,7 @@ import numpy as np
 from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of
 

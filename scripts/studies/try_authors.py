@@ -13,7 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core import Dataset, load_policy
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import File
 from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.policies.spec import (
     CONFIG,
@@ -19,6 +18,7 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.storage import File
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(

@@ -33,7 +33,6 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
-from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
@@ -47,6 +46,7 @@ from labyrinth_core.policies.spec import (
     PolicySpec,
 )
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.rules import Task
 

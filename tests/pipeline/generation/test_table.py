@@ -24,7 +24,6 @@ from support.brute_force import (
 from support.making import Run
 from support.tampering import Rows, read_rows
 
-from labyrinth_core.data.drawing import Solution
 from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
@@ -34,6 +33,7 @@ from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from pipeline.generation import table
+from pipeline.generation.labyrinths import Solution
 
 pytestmark = pytest.mark.slow
 

@@ -16,8 +16,8 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures import looks
 from labyrinth_core.policies.spec import CONFIG, WEIGHTS
 from pipeline.config.errors import ConfigError
