@@ -20,9 +20,9 @@ from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 
 _KINDS = ((WEIGHTS, CONFIG), (GRAPH,))
 """The files of each kind of policy, the weights first."""

@@ -14,7 +14,7 @@ from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import TrainedRun, Training
-from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
 
 FORMAT = 2

@@ -28,8 +28,8 @@ from labyrinth_core.data import hub
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import open_shard
 from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.learning.spec import WEIGHTS
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.spec import WEIGHTS
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
 from pipeline.machinery.folders import remove

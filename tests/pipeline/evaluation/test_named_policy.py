@@ -21,7 +21,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
