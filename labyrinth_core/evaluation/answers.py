@@ -40,7 +40,10 @@ _ALLOWED = (
 
 
 class PolicyError(ValueError):
-    """A policy answers with anything but actions, or raises an error, which is the cause."""
+    """A policy cannot see the labyrinths, or answers with anything but actions.
+
+    If the policy raised an error, that is the cause.
+    """
 
 
 def asked(call: Callable[..., Any], *arguments: Any) -> Any:

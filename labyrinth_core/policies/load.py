@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
 from labyrinth_core.storage import File
 
 if TYPE_CHECKING:
     import torch
 
-    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
+    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy
 
 PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
@@ -148,9 +148,9 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
     """Return the policy with its weights, after checking their names, shapes and dtypes."""
     import torch
 
-    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
-    from labyrinth_core.policies.networks.mapping import Mapper
-    from labyrinth_core.policies.networks.network import usual_defaults
+    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy, make_network
+    from labyrinth_core.learning.networks.mapping import Mapper
+    from labyrinth_core.learning.networks.network import usual_defaults
 
     def make() -> torch.nn.Module:
         return make_network(spec.network, average=spec.average, own=spec.own)

@@ -18,9 +18,9 @@ from typing import Any
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 from labyrinth_core.storage import File
 
 _KINDS = ((WEIGHTS, CONFIG), (GRAPH,))

@@ -17,9 +17,7 @@ from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.spec import (
     CONFIG,
     RECORD,
     WEIGHTS,
@@ -27,6 +25,8 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.storage import File
 from pipeline.config.stage import Job
 from pipeline.inspection.front_matter import LICENCE, with_values

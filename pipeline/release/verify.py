@@ -27,8 +27,8 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core import hub
 from labyrinth_core.data import COLUMNS
 from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.learning.spec import WEIGHTS
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.spec import WEIGHTS
 from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress

@@ -23,9 +23,9 @@ from torch.optim import Optimizer
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.learning.learner import Learner
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.network import Network
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.network import Network
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.policies.weights import read_tensors
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError

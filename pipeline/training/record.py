@@ -12,8 +12,8 @@ from typing import Any
 
 from labyrinth_core.errors import one_line
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
-from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job

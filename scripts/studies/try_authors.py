@@ -19,7 +19,7 @@ from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.record import read_run
 from pipeline.machinery.artifact import Sums, leave
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 
 def main() -> None:

@@ -49,7 +49,7 @@ PLANTS = {
         (TRAINING, "labyrinth_core.typed:read_as"),
     ],
     "evaluate": [
-        ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
+        ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
         ((*TRAINING, "overwrite=true"), "pipeline.evaluation.trained:require_same"),
     ],

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.policies.record import FORMAT
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.spec import (
     CONFIG,
     RECORD,
     WEIGHTS,
@@ -18,6 +17,7 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.record import FORMAT
 from labyrinth_core.storage import File
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
@@ -33,7 +33,7 @@ def lay_out_run(folder, spec, **run):
     import torch
     from safetensors.torch import save_file
 
-    from labyrinth_core.policies.networks.acting import make_network
+    from labyrinth_core.learning.networks.acting import make_network
 
     folder.mkdir(parents=True)
     network = make_network(spec.network, average=spec.average, own=spec.own)

@@ -20,7 +20,7 @@ from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
