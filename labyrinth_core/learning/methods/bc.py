@@ -17,7 +17,7 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting

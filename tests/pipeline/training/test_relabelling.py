@@ -14,7 +14,7 @@ from support.learning import settings_of
 from support.making import Run
 
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
