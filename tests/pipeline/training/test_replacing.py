@@ -22,7 +22,8 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import HASHES, leave
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.sums import HASHES
 from pipeline.training import record, train
 from pipeline.training.methods import bc
 from pipeline.training.record import CURVES

@@ -22,7 +22,7 @@ from labyrinth_core.pictures import looks
 from labyrinth_core.policies.spec import CONFIG, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.training import train
 from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
