@@ -33,13 +33,14 @@ def of_library(*rooms: str) -> tuple[str, ...]:
     return tuple(f"labyrinth_core.{room}" for room in rooms)
 
 
-GROUND = of_library("errors", "storage", "hub", "typed")
+GROUND = of_library("errors", "storage", "folders", "hub", "typed")
 """Modules in no room, on which all rooms from the data on stand."""
 
 ROOMS = {
     "labyrinth_core.errors": (),
     "labyrinth_core.hub": of_library("errors"),
     "labyrinth_core.storage": of_library("errors", "hub"),
+    "labyrinth_core.folders": of_library("storage"),
     "labyrinth_core.typed": of_library("language"),
     "labyrinth_core.world": (),
     "labyrinth_core.language": of_library("world"),

@@ -12,7 +12,8 @@ from labyrinth_core.evaluation.results import Results, results_in, submissions_i
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.options import ResultsFolderOption
 from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Ownership
+from pipeline.machinery.sums import Sums
 from pipeline.results.available import Available
 from pipeline.results.paper import METHODS, title_of
 from pipeline.results.replays import Replays
@@ -103,7 +104,7 @@ def gather(
         kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
-    own = Sums.read(results_dir, overwrite=overwrite)
+    own = Ownership(Sums.read(results_dir, overwrite=overwrite))
     for name in () if overwrite else own.others(files):
         refused.append(
             f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "

@@ -11,9 +11,9 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
 from pipeline.machinery.markdown import table
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.machinery.versions import build_versions
 from pipeline.season.commitment import Place, Season, dataset
 from pipeline.season.files import has_sha256

@@ -24,6 +24,7 @@ from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.networks.network import usual_defaults
@@ -44,9 +45,10 @@ from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import Sums, produced
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import each_minute, progress, say
-from pipeline.machinery.folders import followed, held, remove, within
+from pipeline.machinery.folders import held, within
+from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
 from pipeline.training.identity import (
     choose_device,
@@ -88,7 +90,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             holds another run.
     """
     folder = job.options.run_folder(job.dataset)
-    place = followed(folder)
+    place = Path(WholeFolder.of(folder, RECORD).folder)
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
     data = job.open_dataset(job.options.first_labyrinths)
@@ -104,12 +106,14 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             if made is not None:
                 path = working / CHECKPOINT
                 if overwrite and path.exists() and identity_in(path) != without_place(identity):
-                    remove(working)
+                    File(working).remove()
                 if method.protocol:
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
                 job.write_config(made)
-        remove(working)  # Only now: the next process would have continued from the checkpoint.
+        File(
+            working
+        ).remove()  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")

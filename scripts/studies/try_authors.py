@@ -18,7 +18,8 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.record import read_run
-from pipeline.machinery.artifact import Sums, leave
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.sums import Sums
 from pipeline.training.method import find
 
 
