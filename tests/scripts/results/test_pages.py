@@ -16,7 +16,7 @@ from pipeline.results.paper import paper_figures
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGES = sorted((ROOT / "docs" / "studies").glob("*.md"))
 
 
