@@ -329,7 +329,7 @@ def test_the_values_of_the_files_are_the_defaults_of_the_declarations() -> None:
 
 def test_options_are_frozen_as_are_their_groups() -> None:
     options = composed().options
-    for each in (options, options.buckets, options.publish):
+    for each in (options, options.buckets, options.splits):
         assert is_dataclass(each)
         with pytest.raises(FrozenInstanceError):
             each.train = 1  # type: ignore[attr-defined]

@@ -382,6 +382,10 @@ def test_a_damaged_list_is_called_damaged_and_its_advice_works(
     for number, text in enumerate([*flipped, *cut, bytes(len(whole))]):
         path.write_bytes(text)
         with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its"):
+            Sums.read(folder)
+        if number % 17:  # What both ways to make it again do takes longer to see.
+            continue
+        with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its"):
             act(folder)
         if number % 2:
             folder.rename(away)
