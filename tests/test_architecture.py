@@ -41,6 +41,7 @@ ROOMS = {
     # A selection of a dataset makes the environment of its labyrinths.
     "labyrinth_core.data": of_library("world", "language", "pictures", "env"),
     "labyrinth_core.evaluation": of_library("world", "language", "pictures", "data"),
+    "labyrinth_core.questions": of_library("world", "language", "pictures", "data"),
     "labyrinth_core.policies": of_library("world", "language", "pictures", "data", "evaluation"),
     "labyrinth_core.learning": of_library("world", "pictures", "data", "evaluation", "policies"),
     "labyrinth_core.benchmarks": of_library("language", "data"),
@@ -73,6 +74,7 @@ DOORS = (
     "labyrinth_core.benchmarks",
     "labyrinth_core.command",
     "labyrinth_core.env",
+    "labyrinth_core.questions",
     "pipeline.certify",
     "pipeline.command",
     "pipeline.evaluation",

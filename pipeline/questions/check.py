@@ -11,7 +11,7 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.rows import each_read
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
+from labyrinth_core.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.versions import build_versions

@@ -15,7 +15,7 @@ from labyrinth_core.data.dataset import ShardFile
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.storage import AnyPath, File
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.questions import QUESTION_COLUMNS
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter

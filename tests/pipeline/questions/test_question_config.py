@@ -15,8 +15,8 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
+from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.world.solver import Solver
 from pipeline.generation import check
 
