@@ -26,8 +26,8 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
     from labyrinth_core.evaluation.compare import compare as compare
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
+    from labyrinth_core.evaluation.evaluate import memorised as memorised
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
-    from labyrinth_core.evaluation.memorised import memorised as memorised
     from labyrinth_core.language.source_text import LabyrinthSyntaxError as LabyrinthSyntaxError
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
@@ -66,7 +66,7 @@ _HOMES = {
     "load_episodes": "data.load",
     "load_policy": "policies.load",
     "load_transitions": "data.load",
-    "memorised": "evaluation.memorised",
+    "memorised": "evaluation.evaluate",
     "open_policy": "policies.opening",
     "optimal_actions": "world.solver",
     "parse": "language.text",

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.playing import follow, follow_route
+from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.world.rules import RULES
 from labyrinth_core.world.solver import RouteMemory
 
@@ -59,8 +59,8 @@ class TrainMemory:
         For surroundings that no demonstration meets in a cell, `actions` has the most frequent
         action in the same surroundings elsewhere; for those met nowhere, the most frequent of all.
         """
-        begun = zip(train.route_starts.tolist(), train.routes, strict=True)
-        routes = RouteMemory(_visited(train, start, route) for start, route in begun)
+        walked = train.walk(train.route_starts, train.routes)
+        routes = RouteMemory(train.position[states].tolist() for states in walked)
         counts = np.zeros((train.cells, SURROUNDINGS, 4), np.int64)
         np.add.at(counts, (train.position, surroundings(train)), train.demonstrated)
         for wider in (counts.sum(axis=0), counts.sum(axis=(0, 1))):
@@ -118,15 +118,6 @@ class TrainMemory:
         moves = [arrays.step_limit if way is None else len(way) for way in ways]
         outcomes = np.array(["cut" if way is None else "solved" for way in ways])
         return Episodes(outcomes, np.array(moves, np.int64), arrays.cells)
-
-
-def _visited(arrays: LabyrinthArrays, state: int, route: NDArray[np.int64]) -> list[int]:
-    """Return the cells that the agent visits on a route that begins in `state`."""
-    states = [state]
-    for action in route.tolist():
-        states.append(int(arrays.next_state[states[-1], action]))
-    cells: list[int] = arrays.position[states].tolist()
-    return cells
 
 
 def surroundings(arrays: LabyrinthArrays) -> NDArray[np.int64]:

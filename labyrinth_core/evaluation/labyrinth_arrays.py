@@ -155,6 +155,17 @@ class LabyrinthArrays:
         """
         return _numbers_of(places, self.labyrinth_ids, self.labyrinth, self.state)
 
+    def walk(
+        self, starts: NDArray[np.int64], routes: Iterable[NDArray[np.int64]]
+    ) -> Iterator[NDArray[np.int64]]:
+        """Yield the T + 1 states that each route visits, shape (T + 1,).
+
+        Args:
+            starts: The state in which each route begins, shape (routes,).
+            routes: The T actions of each route, shape (T,).
+        """
+        return _walk(self.next_state, starts, routes)
+
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
         """Whether an episode of the dataset acts in the state, shape (S,)."""
@@ -248,7 +259,7 @@ def _stack(
     starts = _numbers_of([place for place, _ in episodes], np.array(ids), which, state)
     routes = tuple(actions for _, actions in episodes)
     demonstrated = np.zeros((count, 4), np.int64)
-    for walked, actions in zip(walk(joined["next_state"], starts, routes), routes, strict=True):
+    for walked, actions in zip(_walk(joined["next_state"], starts, routes), routes, strict=True):
         np.add.at(demonstrated, (walked[:-1], actions), 1)
     return LabyrinthArrays(
         observations=looks.held() if hold else looks,
@@ -265,18 +276,12 @@ def _stack(
     )
 
 
-def walk(
+def _walk(
     next_state: NDArray[np.int64],
     starts: NDArray[np.int64],
     routes: Iterable[NDArray[np.int64]],
 ) -> Iterator[NDArray[np.int64]]:
-    """Yield the T + 1 states that each route visits, shape (T + 1,).
-
-    Args:
-        next_state: The state that each action leads to, shape (S, 4).
-        starts: The state in which each route begins, shape (routes,).
-        routes: The T actions of each route, shape (T,).
-    """
+    """Yield the states that each route visits; see `LabyrinthArrays.walk`."""
     for state, actions in zip(starts.tolist(), routes, strict=True):
         states = [state]
         for action in actions.tolist():

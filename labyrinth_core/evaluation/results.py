@@ -20,7 +20,6 @@ from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
-from labyrinth_core.evaluation.playing import OUTCOMES
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
     FORMAT,
@@ -29,7 +28,7 @@ from labyrinth_core.evaluation.results_form import (
     ResultsFile,
     check_receipt,
 )
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import OUTCOMES, Scores
 from labyrinth_core.language.collection import files_in
 from labyrinth_core.language.source_text import parse_size, printable_line
 from labyrinth_core.version import __version__

@@ -24,9 +24,8 @@ from labyrinth_core.evaluation.description import (
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import Receipt
-from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.world.rules import Action
 

@@ -16,7 +16,6 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
@@ -116,7 +115,7 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     solved = np.atleast_2d(splits[split].episodes.solved).min(axis=0)
     chosen = np.argsort(solved, kind="stable")[:count].tolist()
     pictures = {}
-    for episode in attempts(shown.player, shown.load(split), chosen):
+    for episode in shown.player.attempts(shown.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])

@@ -16,10 +16,9 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Scores, interval
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.console import say
 

@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.intervals import CONFIDENCE
+from labyrinth_core.evaluation.scores import CONFIDENCE
 from pipeline.inspection.shift import holm
 from pipeline.machinery.markdown import count
 

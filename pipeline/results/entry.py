@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.description import FRESH, Description, TrainedRun
-from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Scores, interval
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count

@@ -12,7 +12,7 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.replaying import require_replay
+from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
 from pipeline.config.training import METHODS
@@ -63,7 +63,7 @@ class Replays:
         say(f"Replaying {path}")
         try:
             _require_same(results, policy)
-            require_replay(results, policy, known.data)
+            Evaluation.require_replay(results, policy, known.data)
         except (ValueError, DatasetError) as error:
             raise DatasetError(f"{path} is refused: {error}") from error
         finally:

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Scores, interval
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.comparison import conclusion, interquartile_mean
 from pipeline.results.entry import (

@@ -23,8 +23,6 @@ from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import train_of
-from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -42,6 +40,11 @@ _DECIMALS = 2
 
 CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
+
+REPEATABLE = (
+    "a season judges only policies that do not draw at random and remember nothing between two "
+    "batches"
+)
 
 Row = dict[str, Any]
 """The published entry of a judged submission, with the fields of `_Row`."""
@@ -182,14 +185,8 @@ def judged(
         files=submission.files,
         versions=signed,
     )
-    try:
-        asked = Evaluation.of(submission.policy, data)
-        results = asked.results(["test", *data.manifest.config.shifts])
-    except UnrepeatableError as error:
-        raise PolicyError(
-            f"{submission.named} answers the same observations differently: a season judges only "
-            "policies that do not draw at random and remember nothing between two batches"
-        ) from error
+    asked = Evaluation.of(submission.policy, data)
+    results = asked.results(["test", *data.manifest.config.shifts], advice=REPEATABLE)
     results = replace(
         results,
         dataset=f"season:{season.name}",
@@ -209,7 +206,7 @@ def _train_named(place: str) -> DatasetConfig | None:
         return None
     source, _, name = place.rstrip("/").rpartition("/")
     try:
-        return train_of(Dataset(source, name), "test")[0]
+        return Evaluation.train_of(Dataset(source, name))
     except DatasetError:
         raise
     except ValueError as error:

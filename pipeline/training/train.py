@@ -21,10 +21,10 @@ import torch
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import Player, Policy
+from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
@@ -247,7 +247,7 @@ def prepare(
 
     def judge(policy: Policy) -> dict[str, float]:
         player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
-        rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
+        rates = {f"{split}_sr": player.success_rate(each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
     if options.train_labyrinths == FRESH:
@@ -273,13 +273,6 @@ def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
     ]
     if changed:
         say(f"protocol={options.protocol}, but {', '.join(changed)}")
-
-
-def _rate(player: Player, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves; by look-ups if it has no memory."""
-    if player.forgets:
-        return success_rate(player.act, arrays)
-    return float(step_through(player, arrays, 1).solved.mean())
 
 
 @contextmanager

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.baselines import REFERENCES
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
 from pipeline.machinery.markdown import table
 
 CELLS = {

@@ -17,8 +17,7 @@ from support.submitted import content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core import memorised
 from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Scores, interval
 from pipeline.results import results as stage
 from pipeline.results.entry import Entry, boards, entries_of, figures_of
 from pipeline.results.leaderboard import MARK, leaderboard
