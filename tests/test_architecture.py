@@ -74,6 +74,7 @@ DOORS = (
     "labyrinth_core.benchmarks",
     "labyrinth_core.command",
     "labyrinth_core.env",
+    "labyrinth_core.evaluation",
     "labyrinth_core.questions",
     "pipeline.certify",
     "pipeline.command",

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 
 pytestmark = pytest.mark.slow
 

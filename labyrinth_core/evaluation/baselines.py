@@ -37,6 +37,12 @@ REFERENCES = {
 }
 """Reference -> what it does."""
 
+REPLANNERS = ("replanner", "without memory")
+"""The names of the replanner's figures, with memory and without; see `replanner`."""
+
+WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
+"""The names of all figures that need no learning, in the order of the columns of tables."""
+
 SIDES = 1 << np.arange(4)
 """The bit for a wall on each of the four sides of a cell, in the number of its surroundings."""
 SURROUNDINGS = 16

@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
+from labyrinth_core.data import typed
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import COLUMNS
@@ -172,7 +172,7 @@ def compare(
         DatasetError: The dataset does not exist.
         LabyrinthError: Too few structures can hold the dataset's task; see `sample_test`.
     """
-    seed, most = whole("seed", seed, 0, MOST_SEED), whole("most", most, 1, 10**9)
+    seed, most = whole("seed", seed, 0, typed.MOST_SEED), whole("most", most, 1, 10**9)
     if within not in ("cells", "limit"):
         raise ValueError(f"within={within!r:.60}: choose cells or limit")
     if not 0 < error < 1:

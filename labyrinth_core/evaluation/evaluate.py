@@ -18,18 +18,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
+from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.description import (
-    CONTROLS,
-    MOST_EPISODES,
-    MOST_SEED,
-    Origin,
-    TrainedRun,
-)
+from labyrinth_core.evaluation.description import Origin, TrainedRun
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
 from labyrinth_core.evaluation.playing import ADVICE, Player
@@ -42,9 +38,6 @@ from labyrinth_core.pictures.observations import ObservationSpec
 CLOSE = 1e-4
 """Scores of two actions that differ by at most this share of the greatest may fall another way on
 another machine, which sums in another order; float32 has seven digits."""
-
-NOT_EVALUATED = ("random",)
-"""Splits that hold another policy's episodes in the labyrinths of train."""
 
 
 def evaluate(
@@ -189,7 +182,7 @@ class Evaluation:
         Raises:
             ValueError, PolicyError: As for `evaluate`.
         """
-        seed = whole("seed", seed, 0, MOST_SEED) if run is None else run.seed
+        seed = whole("seed", seed, 0, typed.MOST_SEED) if run is None else run.seed
         origin, about = getattr(policy, "origin", None), data.manifest.config
         policy, spec = fitted(
             policy,
@@ -238,7 +231,7 @@ class Evaluation:
             ValueError, PolicyError, DatasetError: As for `evaluate`.
         """
         if episodes is not None:
-            episodes = whole("episodes", episodes, 1, MOST_EPISODES)
+            episodes = whole("episodes", episodes, 1, typed.MOST_EPISODES)
         about, run = self.data.manifest.config, self.run
         learnt = None if run is None or trained_on is None else self._learnt(run, trained_on)
         memory = TrainMemory.of(learnt or self.load("train", "vector"))
@@ -289,9 +282,9 @@ class Evaluation:
         Raises:
             ValueError, PolicyError, DatasetError: As for `memorised`.
         """
-        controls = whole("controls", controls, *CONTROLS)
+        controls = whole("controls", controls, *typed.CONTROLS)
         if episodes is not None:
-            episodes = whole("episodes", episodes, 1, MOST_EPISODES)
+            episodes = whole("episodes", episodes, 1, typed.MOST_EPISODES)
         own = train_of(self.data, split, train_labyrinths) if train is None else train_set(train)
         arrays = self.load(split)
         return receipt_of(
@@ -430,7 +423,7 @@ _LABYRINTHS = ("height", "width", "task")
 
 def _chosen(splits: Sequence[str] | None, data: Dataset) -> list[str]:
     if splits is None:
-        return [split for split in data.splits if split not in NOT_EVALUATED]
+        return [split for split in data.splits if split not in SPLITS.not_evaluated]
     try:
         chosen = [splits] if isinstance(splits, str) else list(splits)
     except TypeError as error:

@@ -25,7 +25,6 @@ from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.evaluation.answers import ACTIONS
-from labyrinth_core.evaluation.description import CONTROLS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.evaluation.scores import interval
@@ -124,7 +123,7 @@ class Receipt(Excess):
     train: Mapping[typed.Word, Any]
     """The options that draw the training set: those of its dataset, with the number of labyrinths
     that the policy has learnt from."""
-    drawn: Annotated[int, typed.Within(*CONTROLS)]
+    drawn: Annotated[int, typed.Within(*typed.CONTROLS)]
     """The number of control training sets."""
     shared: typed.Share
     """The mean share of the labyrinths of train that a control has, too. The more they share, the

@@ -12,15 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.baselines import REPLANNERS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.pictures.vector import WALL, grid_indices
 from labyrinth_core.world.batch import seen_together
 from labyrinth_core.world.rules import Action, Task, neighbours
-
-REPLANNERS = ("replanner", "without memory")
-"""The names of the replanner's figures, with memory and without."""
 
 
 class Replanner:

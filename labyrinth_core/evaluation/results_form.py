@@ -15,16 +15,14 @@ import numpy as np
 
 from labyrinth_core.data import typed
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+from labyrinth_core.evaluation.baselines import WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import (
-    MOST_EPISODES,
     Description,
     Judgement,
     Origin,
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import Receipt
-from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.world.rules import Action
@@ -160,12 +158,12 @@ class Evaluated:
     observation: Annotated[str, typed.Like("|".join(["image", *KINDS]))]
     image_size: typed.Positive | None
     way: Literal["look-ups", "steps"]
-    episodes: Annotated[int, typed.Within(1, MOST_EPISODES)]
+    episodes: Annotated[int, typed.Within(1, typed.MOST_EPISODES)]
     seed: typed.Seed
     version: Annotated[str, typed.Like(r"[\w.+-]{1,50}")]
 
 
-_Baseline = Annotated[str, typed.Like("|".join((*BASELINES, *REFERENCES, *REPLANNERS)))]
+_Baseline = Annotated[str, typed.Like("|".join(WITHOUT_LEARNING))]
 
 
 @dataclass(frozen=True)

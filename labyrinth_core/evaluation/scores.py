@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, pi, sqrt, tan
 from statistics import NormalDist
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,12 +93,6 @@ class Episodes:
 @dataclass(frozen=True, eq=False)
 class Scores:
     """The results of episodes in each of L labyrinths, and the accuracy over all their states."""
-
-    WHY_SPL: ClassVar[str] = (
-        "SPL (success weighted by path length) comes before SR (success rate), because SR rewards "
-        "wandering:\nwithin 40 steps per cell even random steps solve most labyrinths."
-    )
-    """The sentence printed with every table of scores."""
 
     episodes: Episodes
     """The results, of shape (L,), or (E, L) for E episodes in each labyrinth."""

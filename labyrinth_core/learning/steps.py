@@ -12,7 +12,7 @@ from torch import Tensor, nn
 
 from labyrinth_core.data.datasets import Selection
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.observations import Observations, parts_of
 from labyrinth_core.policies.networks.network import MOMENTUM, double
 

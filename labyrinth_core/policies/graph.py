@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies import graph_process
 from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES

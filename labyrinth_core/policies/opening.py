@@ -18,8 +18,7 @@ from typing import Any
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.evaluation import Origin, PolicyError
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from labyrinth_core.data import typed
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import TrainedRun, Training
+from labyrinth_core.evaluation import TrainedRun, Training
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.version import __version__
 

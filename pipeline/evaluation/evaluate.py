@@ -13,10 +13,7 @@ import numpy as np
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
 from labyrinth_core.world.dynamics import replay
@@ -75,7 +72,7 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     asked, run = job.options.evaluation, shown.run
     given = f"evaluation.memorised={asked.memorised}"
     if run is not None:
-        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != FRESH
+        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != RunName.FRESH
         check(own, f"{given}: {run.name} has not learnt from train of {shown.data.source}")
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths

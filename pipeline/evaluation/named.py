@@ -14,10 +14,7 @@ from typing import Any
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import DETAILS, Description
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
 from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
@@ -154,7 +151,7 @@ def opened(name: str) -> Any:
 
 def _description(name: str, asked: EvaluationOptions) -> Description:
     numbers = (asked.train_labyrinths, asked.train_steps, asked.parameters)
-    details = dict(zip(DETAILS, numbers, strict=True))
+    details = dict(zip(Description.DETAILS, numbers, strict=True))
     stated = {what: number for what, number in details.items() if number is not None}
     return Description(name, asked.author, asked.url, asked.date, asked.budget, stated)
 

@@ -10,9 +10,7 @@ from typing import Any
 
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.opening import open_policy

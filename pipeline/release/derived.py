@@ -18,7 +18,6 @@ from labyrinth_core.data.location import local_folder
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
@@ -201,7 +200,7 @@ def stage_environment(
         manifest: The manifest of that dataset.
     """
     dataset, _ = job.options.dataset_on_hub
-    splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
+    splits = [split for split in manifest.config.splits if split not in SPLITS.not_evaluated]
     # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
     File(folder / "env.py").write_text(fill("env.txt", **values, commit=repr(commit)))

@@ -16,10 +16,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import KnownDataset, Results, TrainedRun
 from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.policies.spec import (
@@ -203,7 +200,7 @@ def _card(trained: Trained) -> str:
         low=low,
         high=high,
         labyrinths=f"{len(test.distance):,}",
-        why=Scores.WHY_SPL,
+        why=Results.WHY_SPL,
         model=options.model,
         version=options.version,
         revision=trained.revision,

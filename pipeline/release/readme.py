@@ -9,7 +9,7 @@ import yaml
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language.text import dump
 from labyrinth_core.world.rules import Action
 from pipeline.inspection import front_matter

@@ -5,8 +5,7 @@ from __future__ import annotations
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import folder_at
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import KnownDataset, Results
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.results.options import ResultsOptions

@@ -16,7 +16,6 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.scores import CONFIDENCE
 from pipeline.inspection.shift import holm
 from pipeline.machinery.markdown import count
 
@@ -26,7 +25,7 @@ RESAMPLES = 10_000
 FEWEST = 5
 """A pair of methods is tested if each has at least this number of runs."""
 
-LEVEL = 1 - CONFIDENCE
+LEVEL = 0.05
 """The significance level: a difference counts if its p-value is at most this."""
 
 _DIGITS = 12
@@ -141,7 +140,7 @@ def _verdict(rates: Rates, found: Mapping[tuple[str, str], float]) -> str:
     """Say which pairs differ; `found` has their p-values."""
     held = f"at a level of {LEVEL:.0%} over {count(len(found), 'pair')}"
     worse: dict[str, list[str]] = {}
-    for pair in (each for each, p in found.items() if p <= LEVEL):
+    for pair in (each for each, p in found.items() if p <= LEVEL + _CLOSE):
         better, other = sorted(pair, key=lambda name: -rates[name].mean())
         worse.setdefault(better, []).append(other)
     if worse:

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.description import TrainedRun, as_compared
-from labyrinth_core.evaluation.results import Results, results_in, submissions_in
+from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.options import ResultsFolderOption
 from pipeline.config.training import TrainingOptions
@@ -93,7 +92,7 @@ def gather(
         DatasetError: The SHA256SUMS of `results_dir` is damaged, or another program's.
     """
     refused, copies = [], {}
-    for path in results_in(run_dir):
+    for path in Results.files_of_runs(run_dir):
         config, name = path.parts[-3:-1]
         try:
             results = read(path, available, (config, name), replays)
@@ -126,7 +125,7 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = submissions_in(results_dir / ResultsFolderOption.SUBMISSIONS)
+    submitted = Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
     files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):
@@ -145,7 +144,7 @@ def read_all(
             refused.append(str(error))
             continue
         for name in _names(each):
-            key = each.config, each.fingerprint, as_compared(name)
+            key = each.config, each.fingerprint, Description.as_compared(name)
             named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
     return runs, submissions, refused
 
@@ -164,11 +163,11 @@ def _require_own_name(
     """Raise a DatasetError if a submission has the name of a run or of another submission."""
     if results.run is not None or results.method is None:
         raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
-    if as_compared(results.method.author) == as_compared(AUTHOR):
+    if Description.as_compared(results.method.author) == Description.as_compared(AUTHOR):
         raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
-    name = as_compared(results.method.name)
+    name = Description.as_compared(results.method.name)
     reason = named.get((results.config, results.fingerprint, name))
-    if name in {as_compared(each) for method in METHODS.items() for each in method}:
+    if name in {Description.as_compared(each) for method in METHODS.items() for each in method}:
         reason = f"name={results.method.name} is reserved for runs"
     if reason is not None:
         raise DatasetError(f"{path} is refused: {reason}")

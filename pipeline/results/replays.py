@@ -10,10 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Evaluation, PolicyError, Results, TrainedRun
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
 from pipeline.config.training import METHODS
 from pipeline.machinery.console import say

@@ -15,7 +15,7 @@ from rich.table import Column, Table
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.machinery.console import say, say_once

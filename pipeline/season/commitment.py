@@ -22,7 +22,6 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File, LocalFile
-from labyrinth_core.evaluation.description import is_day
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.versions import build_versions
@@ -134,7 +133,7 @@ class Season:
 
     def _check(self) -> None:
         """Raise ValueError for what the shape of `season.json` does not show."""
-        if not is_day(self.date):
+        if not typed.is_day(self.date):
             raise ValueError(f"date={self.date}: there is no such day")
         config = self.dataset_of(b"")
         if self.config != without_seed(config):

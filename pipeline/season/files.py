@@ -10,7 +10,7 @@ from uuid import uuid4
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File, LocalFile
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from pipeline.machinery.folders import held, remove
 
 _PREFIX = "labyrinth-season-"

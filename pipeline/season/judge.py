@@ -20,10 +20,7 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import Description, Judgement
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
@@ -177,22 +174,15 @@ def judged(
     signed = here if signed is None else signed
     if lacking := [name for name in here if name not in signed]:
         raise DatasetError(f"its entry has no version of {', '.join(lacking)}")
-    judgement = Judgement(
+    asked = Evaluation.of(submission.policy, data)
+    results = asked.results(["test", *data.manifest.config.shifts], advice=REPEATABLE)
+    results = results.signed(
         season=season.name,
         secret_sha256=season.secret_sha256,
         submission=submission.named,
         commit=submission.commit,
         files=submission.files,
         versions=signed,
-    )
-    asked = Evaluation.of(submission.policy, data)
-    results = asked.results(["test", *data.manifest.config.shifts], advice=REPEATABLE)
-    results = replace(
-        results,
-        dataset=f"season:{season.name}",
-        version=judgement.versions["labyrinth-datasets"],
-        judged=judgement,
-        policy=None,  # The judgement names it.
     )
     if train is not None:
         results = _with_receipt(results, asked, train)

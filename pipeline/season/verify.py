@@ -7,9 +7,7 @@ from typing import Any
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say

@@ -12,7 +12,7 @@ from typing import Any
 
 from labyrinth_core.data.errors import one_line
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
 from pipeline.config.errors import ConfigError

@@ -21,16 +21,14 @@ import torch
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import (
@@ -70,9 +68,9 @@ def refuse(job: Job[TrainOptions]) -> None:
     options = job.options
     method, _ = find(options.method_name, options.method, options.protocol)
     check(
-        method.renews or options.train_labyrinths != FRESH,
-        f"train_labyrinths={FRESH}: method={options.method_name} learns from the same labyrinths "
-        "in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
+        method.renews or options.train_labyrinths != RunName.FRESH,
+        f"train_labyrinths={RunName.FRESH}: method={options.method_name} learns from the same "
+        "labyrinths in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
     )
 
 
@@ -205,7 +203,7 @@ def prepare(
     method: type[Learner],
     settings: BaseSettings,
     device: torch.device,
-) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
+) -> tuple[Learner, Callable[[NetworkPolicy], dict[str, float]]]:
     """Return a fresh learner, and a function that evaluates a policy on train and validation."""
     options = job.options
     spec = spec_of(job)
@@ -245,16 +243,16 @@ def prepare(
         rng=np.random.default_rng(job.dataset.seed),
     )
 
-    def judge(policy: Policy) -> dict[str, float]:
+    def judge(policy: NetworkPolicy) -> dict[str, float]:
         player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
         rates = {f"{split}_sr": player.success_rate(each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
-    if options.train_labyrinths == FRESH:
+    if options.train_labyrinths == RunName.FRESH:
         shown = data.manifest.config
         check(
             shown.min_walls == 1,
-            f"train_labyrinths={FRESH}: new labyrinths may be nearer to those of test than "
+            f"train_labyrinths={RunName.FRESH}: new labyrinths may be nearer to those of test than "
             f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
         )
         fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.network import Network

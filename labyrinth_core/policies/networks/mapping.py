@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies.networks.network import ACTIONS, double
 from labyrinth_core.policies.networks.slots import (

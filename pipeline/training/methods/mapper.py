@@ -32,7 +32,6 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec
@@ -120,7 +119,7 @@ class Method(Learner):
         return PICTURE_SIZE
 
     @classmethod
-    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
+    def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
         """Return a policy that plans with the network, and remembers its plan."""
         assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)

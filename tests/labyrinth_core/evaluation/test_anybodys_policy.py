@@ -19,11 +19,9 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation import playing
+from labyrinth_core.evaluation import Player, Results, playing
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
-from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.world.rules import Task
 

@@ -11,9 +11,9 @@ from support.policies import Table
 
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation import Player
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.language.text import parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.solver import Solver

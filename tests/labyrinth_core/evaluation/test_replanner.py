@@ -11,9 +11,7 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import Description, Player, PolicyError
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world.labyrinth import Labyrinth

@@ -12,11 +12,9 @@ from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation import KnownDataset, Player, Results
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.playing import Player
-from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train

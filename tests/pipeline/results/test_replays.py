@@ -15,8 +15,7 @@ from support.policies import lay_out_run
 from support.submitted import forgetful, results_of
 
 from labyrinth_core import Dataset, evaluate, open_policy
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.evaluation import Description, Evaluation
 from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
 from pipeline.results import results as stage
 from pipeline.results.options import CheckOptions

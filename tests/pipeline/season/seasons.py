@@ -11,7 +11,7 @@ from support.making import perform
 from support.policies import RELEASED
 
 from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from pipeline.season.commitment import Place
 from pipeline.season.options import SeasonOptions
 

@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import LabyrinthArrays, Player
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec

@@ -12,7 +12,7 @@ import torch
 from support.learning import equal_weights, states_seen_by
 from torch import nn
 
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import Player
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps

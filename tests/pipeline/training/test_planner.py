@@ -16,8 +16,8 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation import LabyrinthArrays, Player
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim import Adam
 
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import play
 from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
