@@ -142,13 +142,13 @@ def decide(
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
     shown = observations.tolist() if observations.dtype.kind == "U" else observations
-    given = PolicyError.calling(policy, shown)
-    answer = _as_array(given)
+    answered = PolicyError.calling(policy, shown)
+    answer = _as_array(answered)
     count = len(observations)
     scored = answer.shape == (count, ACTIONS) and answer.dtype.kind in "iuf"
     if not scored and (answer.shape != (count,) or answer.dtype.kind not in "iu"):
         raise PolicyError(
-            f"the policy answered {_described(given if answer.dtype == object else answer)} to "
+            f"the policy answered {_described(answered if answer.dtype == object else answer)} to "
             f"{count} observations: give actions, whole numbers of shape ({count},), or scores "
             f"of shape ({count}, {ACTIONS})"
         )
@@ -172,12 +172,12 @@ def memory_of(remembered: Callable[[], Any], count: int) -> NDArray[Any]:
     Raises:
         PolicyError: The policy raises an error, or answers with anything but such an array.
     """
-    given = PolicyError.calling(remembered)
-    held = _as_array(given, "remembered()")
+    answered = PolicyError.calling(remembered)
+    held = _as_array(answered, "remembered()")
     if held.dtype == object or held.ndim == 0 or len(held) != count:
         raise PolicyError(
-            f"remembered() answered {_described(given if held.dtype == object else held)}: give an "
-            f"array with a row for each of the {count} episodes"
+            f"remembered() answered {_described(answered if held.dtype == object else held)}: give "
+            f"an array with a row for each of the {count} episodes"
         )
     return held
 

@@ -163,8 +163,8 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
         moving.take(before[0], out=alive, mode="clip")
         for sources in before[1:]:
             alive += moving.take(sources, out=onto, mode="clip")
-    left, cut = float(alive.sum()), -penalty * arrays.step_limit
-    mean, square = mean + left * cut, square + left * cut**2
+    unfinished, cut = float(alive.sum()), -penalty * arrays.step_limit
+    mean, square = mean + unfinished * cut, square + unfinished * cut**2
     deviation = max(square - mean**2, 0.0) ** 0.5
     figures = {"sr": solved, "sr_within_cells": within, "spl": spl}
     return figures | {"aer": mean, "aer_std": deviation}
@@ -180,7 +180,7 @@ def _before(
     """
     moves = np.bincount(targets, minlength=count)
     order = np.argsort(targets, kind="stable")
-    place = np.arange(len(order)) - np.repeat(np.cumsum(moves) - moves, moves)
+    row = np.arange(len(order)) - np.repeat(np.cumsum(moves) - moves, moves)
     before = np.full((max(moves.max(initial=0), 1), count), count)
-    before[place, targets[order]] = sources[order]
+    before[row, targets[order]] = sources[order]
     return before

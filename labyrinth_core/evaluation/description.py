@@ -135,9 +135,9 @@ class RunName:
 
         A class called `Method` is named after its module.
         """
-        module, _, found = method.partition(":")
-        found = found.rpartition(".")[2]
-        return module.rpartition(".")[2] if found in ("", "Method") else found
+        module, _, name = method.partition(":")
+        name = name.rpartition(".")[2]
+        return module.rpartition(".")[2] if name in ("", "Method") else name
 
     @property
     def _learner(self) -> list[str]:

@@ -185,18 +185,18 @@ def _numbers_of(
     state: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Return the index of the state in each place, given arrays of a `LabyrinthArrays`."""
-    index = {number: place for place, number in enumerate(ids.tolist())}
-    pairs = [(index.get(number, -1), place) for number, place in places]
+    index = {number: row for row, number in enumerate(ids.tolist())}
+    pairs = [(index.get(number, -1), row) for number, row in places]
     asked = np.array(pairs, np.int64).reshape(-1, 2)
     # One ascending number for each pair of a labyrinth and a state.
     apart = int(max(state.max(), asked[:, 1].max(initial=0))) + 1
     known, keys = labyrinth * apart + state, asked[:, 0] * apart + asked[:, 1]
-    found: NDArray[np.int64] = known.searchsorted(keys).clip(max=len(known) - 1)
-    for place in np.flatnonzero(known[found] != keys).tolist():
+    numbers: NDArray[np.int64] = known.searchsorted(keys).clip(max=len(known) - 1)
+    for row in np.flatnonzero(known[numbers] != keys).tolist():
         raise DatasetError(
-            f"labyrinth {places[place][0]:016x}: an episode begins where the agent cannot get"
+            f"labyrinth {places[row][0]:016x}: an episode begins where the agent cannot get"
         )
-    return found
+    return numbers
 
 
 def load_arrays(
@@ -256,7 +256,7 @@ def _stack(
     joined = {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
     which, state = joined["labyrinth"], joined["state"]
     looks = Looks(spec, labyrinths, which, state)
-    starts = _numbers_of([place for place, _ in episodes], np.array(ids), which, state)
+    starts = _numbers_of([beginning for beginning, _ in episodes], np.array(ids), which, state)
     routes = tuple(actions for _, actions in episodes)
     demonstrated = np.zeros((count, 4), np.int64)
     for walked, actions in zip(_walk(joined["next_state"], starts, routes), routes, strict=True):
@@ -292,25 +292,25 @@ def _walk(
 def _visitable(tables: Tables) -> list[int]:
     """Return the indices of the states that an episode can visit, in ascending order."""
     transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
-    found, queue = {tables.initial}, [tables.initial]
+    reached, queue = {tables.initial}, [tables.initial]
     for state in queue:
         if not terminal[state]:
-            new = set(transitions[state]) - found
-            found |= new
+            new = set(transitions[state]) - reached
+            reached |= new
             queue += new
-    return sorted(found)
+    return sorted(reached)
 
 
 def _columns(tables: Tables, cells: int, states: list[int], first: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of one labyrinth, whose states are numbered from `first` on."""
-    place = np.full(len(tables.terminal), -1)
-    place[states] = np.arange(first, first + len(states))
+    numbers = np.full(len(tables.terminal), -1)
+    numbers[states] = np.arange(first, first + len(states))
     after, ends = tables.transitions[states], tables.terminal[states, None]
     return {
         "position": np.array(states) % cells,
         "terminal": ends[:, 0],
         "goal": tables.distances[states] == 0,
-        "next_state": np.where(ends, place[states, None], place[after]),
+        "next_state": np.where(ends, numbers[states, None], numbers[after]),
         "rewards": np.where(ends, 0, tables.rewards[after]).astype(np.float32),
         "done": ends | tables.terminal[after],
         "optimal": tables.optimal_actions[states],

@@ -356,7 +356,7 @@ def _copies(
         nearest = np.flatnonzero(differences[0] == differences[0].min())
         labyrinth = arrays.labyrinths[which]
         twin = own[int(demonstrated.labyrinth[candidates[nearest[0]]])]
-        place = labyrinth.state_at(int(arrays.state[state[0]]))
+        seen_state = labyrinth.state_at(int(arrays.state[state[0]]))
         apart = {*labyrinth.structure.passages()} ^ {*twin.structure.passages()}
         did, shown, usual = (
             tuple(round(share, DECIMALS) for share in each.tolist())
@@ -364,9 +364,9 @@ def _copies(
         )
         yield Copy(
             labyrinth=labyrinth_id(labyrinth),
-            agent=place.agent,
-            has_key=place.has_key,
-            door_open=place.door_open,
+            agent=seen_state.agent,
+            has_key=seen_state.has_key,
+            door_open=seen_state.door_open,
             train_labyrinth=labyrinth_id(twin),
             twins=len(nearest),
             differences=int(differences[0].min()),

@@ -115,10 +115,10 @@ class Results:
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
         if kinds:
             rows = [["split", *kinds]]
-            for split, found in failures.items():
-                rows.append([split, *(f"{found.get(kind, 0):,}" for kind in kinds)])
+            for split, counts in failures.items():
+                rows.append([split, *(f"{counts.get(kind, 0):,}" for kind in kinds)])
             lines += ["", FAILURES, *_aligned(rows)]
-        beside = {name: found for name, found in self.baselines.items() if name != "oracle"}
+        beside = {name: by_split for name, by_split in self.baselines.items() if name != "oracle"}
         if beside:
             rows = [["split", *(name.replace("_", " ") for name in beside)]]
             for split in self.splits:
@@ -168,9 +168,9 @@ class Results:
             ValueError: The name is empty, or another argument has a value that is not allowed.
         """
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
-        place = Path(path).expanduser()
-        place.parent.mkdir(parents=True, exist_ok=True)
-        File(LocalFile(place).target()).write_text(text)
+        target = Path(path).expanduser()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        File(LocalFile(target).target()).write_text(text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
@@ -195,15 +195,15 @@ class Results:
         Raises:
             DatasetError: The file cannot be read or is inconsistent; the message has one line.
         """
-        place = Path(path).expanduser()
+        file = Path(path).expanduser()
         try:
-            if not place.is_file():
+            if not file.is_file():
                 raise ValueError("it is not a file")
-            if place.stat().st_size > cls.LARGEST:
+            if file.stat().st_size > cls.LARGEST:
                 raise ValueError(f"it has more than {cls.LARGEST:,} bytes")
-            return cls.from_json(File(place).read_json(), datasets)
+            return cls.from_json(File(file).read_json(), datasets)
         except (OSError, ValueError, RecursionError) as error:
-            raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
+            raise DatasetError(f"{file} is refused: {one_line(error):.400}") from error
 
     @classmethod
     def from_json(
@@ -227,7 +227,7 @@ class Results:
                 raise ValueError(f"it.baselines.{name} has no {min(lacking)}")
         if file.memorised is not None:
             check_receipt(file.memorised, splits, cells)
-        found = cls(
+        results = cls(
             dataset=file.dataset.source,
             revision=file.dataset.revision,
             config=file.dataset.config,
@@ -244,10 +244,10 @@ class Results:
             policy=file.policy,
             memorised=file.memorised,
         )
-        known = None if datasets is None else datasets(found.config)
-        if known is not None and known.fingerprint == found.fingerprint:
-            found._compare_with(known)
-        return found
+        known = None if datasets is None else datasets(results.config)
+        if known is not None and known.fingerprint == results.fingerprint:
+            results._compare_with(known)
+        return results
 
     @classmethod
     def files_of_runs(cls, run_dir: Path) -> list[Path]:
@@ -330,7 +330,7 @@ class Results:
         """Raise ValueError if the results are of another dataset."""
         if self.fingerprint != known.fingerprint:
             raise ValueError(
-                f"it is of another dataset than {known.place}: their fingerprints are "
+                f"it is of another dataset than {known.name}: their fingerprints are "
                 f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= chooses another)"
             )
 
@@ -339,7 +339,7 @@ class Results:
         run = self.run
         if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(
-                f"its policy learnt from another dataset than {known.place}, on which it is judged"
+                f"its policy learnt from another dataset than {known.name}, on which it is judged"
             )
         for split, scores in self.splits.items():
             right = known.split(split, None if run is None else run.first_labyrinths)
@@ -369,7 +369,7 @@ class Results:
             **policy,
             **memorised,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
-            "baselines": {name: dict(found) for name, found in self.baselines.items()},
+            "baselines": {name: dict(by_split) for name, by_split in self.baselines.items()},
         }
 
 

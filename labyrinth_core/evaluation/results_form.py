@@ -107,15 +107,15 @@ class Played:
                     f"{self.labyrinth_ids[number]} has {what}"
                 )
         for name, right in (scores.figures() | {"step_limit": limit}).items():
-            given = getattr(self, name)
+            claimed = getattr(self, name)
             if name not in INTERVALS:
-                follows, told = _equal(given, right), f"but {right} follows from the outcomes"
+                follows, told = _equal(claimed, right), f"but {right} follows from the outcomes"
             else:
                 figure = getattr(self, INTERVALS[name])
-                follows = given[0] - _EXACT <= figure <= given[1] + _EXACT
+                follows = claimed[0] - _EXACT <= figure <= claimed[1] + _EXACT
                 told = f"which is not around {INTERVALS[name]}={figure}"
             if not follows:
-                raise ValueError(f"{name} is {given!r:.60}, {told}")
+                raise ValueError(f"{name} is {claimed!r:.60}, {told}")
         return scores
 
     def _require_lengths(self, episodes: int) -> None:

@@ -70,10 +70,10 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
         PolicyError: The policy raises an error, or returns anything but actions.
     """
     asked, run = job.options.evaluation, shown.run
-    given = f"evaluation.memorised={asked.memorised}"
+    option = f"evaluation.memorised={asked.memorised}"
     if run is not None:
         own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != RunName.FRESH
-        check(own, f"{given}: {run.name} has not learnt from train of {shown.data.source}")
+        check(own, f"{option}: {run.name} has not learnt from train of {shown.data.source}")
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
@@ -83,7 +83,7 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     except (DatasetError, PolicyError):
         raise
     except ValueError as error:
-        raise ConfigError(f"{given}: {error}") from error
+        raise ConfigError(f"{option}: {error}") from error
     return replace(results, memorised=receipt)
 
 

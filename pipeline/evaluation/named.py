@@ -57,10 +57,10 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
             read, or results of something else are where the new ones belong.
         PolicyError: The policy raises an error, or cannot be shown these labyrinths.
     """
-    found = _of_options(job) if not job.options.policy else _by_name(job)
-    own = Sums.read(found.path.parent, overwrite=job.options.overwrite)
-    own.require_free({found.path.name: b""}, found.key, job.options.overwrite, found.instead)
-    return found
+    named = _of_options(job) if not job.options.policy else _by_name(job)
+    own = Sums.read(named.path.parent, overwrite=job.options.overwrite)
+    own.require_free({named.path.name: b""}, named.key, job.options.overwrite, named.instead)
+    return named
 
 
 def _by_name(job: Job[EvaluateOptions]) -> Named:

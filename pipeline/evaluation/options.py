@@ -136,8 +136,10 @@ def check_unnamed(evaluation: EvaluationOptions) -> None:
 
 def described_by(evaluation: EvaluationOptions) -> list[str]:
     """Return the options given that describe a policy as another one than a trained run."""
-    given = (each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default)
-    return [each.name for each in given if each.name not in ("gifs", "memorised")]
+    changed = (
+        each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default
+    )
+    return [each.name for each in changed if each.name not in ("gifs", "memorised")]
 
 
 def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, ...]:  # noqa: ARG001

@@ -79,15 +79,15 @@ def entries_of(
     def method(each: Results) -> object:
         return each if each.run is None else (each.config, each.run.of_all_seeds)
 
-    found = []
+    entries = []
     for group in (list(group) for _, group in groupby(results, method)):
         first = group[0]
         splits = [split for split in first.splits if all(split in each.splits for each in group)]
         figures = {split: Results.over_seeds(group, split) for split in splits}
         about = first.about if first.run is None else _described(first.run, figures)
         replayed = sum(map(is_replayed, group))
-        found.append(Entry(group, about, figures, is_compared(first), replayed))
-    return found
+        entries.append(Entry(group, about, figures, is_compared(first), replayed))
+    return entries
 
 
 def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:

@@ -62,7 +62,7 @@ def read(
         if known is None:
             pass  # Nothing to compare with.
         elif run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
-            available.missing[results.config] = f"{known.place} is another dataset"
+            available.missing[results.config] = f"{known.name} is another dataset"
         else:
             results.require_dataset(known)
     except ValueError as error:
@@ -218,7 +218,7 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
 
     def order(results: Results) -> tuple[Any, ...]:
         run = run_of(results)
-        place = [*METHODS, run.method].index(run.method)
-        return results.config, run.setup, place, run.method, run.seed
+        number = [*METHODS, run.method].index(run.method)
+        return results.config, run.setup, number, run.method, run.seed
 
     return sorted(runs.values(), key=order)

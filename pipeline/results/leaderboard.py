@@ -124,16 +124,16 @@ def _baselines(entries: Sequence[Entry]) -> Iterator[list[str]]:
     for entry in sorted(with_it, key=lambda each: not each.compared)[:1]:
         first = entry.results[0]
         for name, shown in BESIDE.items():
-            if found := first.baselines.get(name, {}).get(RANKED_BY):
-                shares = (f"{100 * found[figure]:.1f}" for figure in ("spl", "sr"))
+            if figures := first.baselines.get(name, {}).get(RANKED_BY):
+                shares = (f"{100 * figures[figure]:.1f}" for figure in ("spl", "sr"))
                 count = len(first.splits[RANKED_BY].distance)
                 mark = "" if entry.compared else f" {MARK}"
                 yield ["", f"{shown}{mark}", *shares, f"{count:,}", "computed"]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
-    found = [entry.figures.get(split) for split in splits]
-    cells = [[""] * 5 if each is None else _cells(each) for each in found]
+    shown = [entry.figures.get(split) for split in splits]
+    cells = [[""] * 5 if each is None else _cells(each) for each in shown]
     for name, *row in zip(_FIGURES, *cells, strict=True):
         yield [_name(entry), name, *row]
 

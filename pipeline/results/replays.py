@@ -93,12 +93,12 @@ class Replays:
 def _require_same(results: Results, policy: Any) -> None:
     """Raise ValueError unless the files of a policy are those that results name."""
     if results.policy is not None:
-        named, found = results.policy.files, policy.origin.files
-        for name in sorted(named.keys() | found.keys()):
-            if named.get(name) != found.get(name):
+        named, hashes = results.policy.files, policy.origin.files
+        for name in sorted(named.keys() | hashes.keys()):
+            if named.get(name) != hashes.get(name):
                 raise ValueError(
                     f"it.policy names {name} with the SHA-256 {named.get(name) or 'none':.16}, but "
-                    f"{policy.origin.source} has {found.get(name) or 'none':.16}"
+                    f"{policy.origin.source} has {hashes.get(name) or 'none':.16}"
                 )
     told, made = results.run, policy.run
     if told is None:

@@ -52,14 +52,14 @@ def run(job: Job[ResultsOptions]) -> None:
     overwrite = job.options.overwrite
     replays = Replays(run_dir, available) if job.options.results.replay else None
     copies, refused = gather(run_dir, results_dir, available, overwrite, replays)
-    found, submissions, also_refused = read_all(results_dir, copies, available, replays)
+    runs, submissions, also_refused = read_all(results_dir, copies, available, replays)
     refused += also_refused
-    if not (found or submissions or refused):
+    if not (runs or submissions or refused):
         raise DatasetError(
             f"{results_dir} holds no results, and neither does run_dir: "
             "'stages=[train,evaluate]' makes some"
         )
-    configs = {each.config for each in [*found.values(), *submissions]}
+    configs = {each.config for each in [*runs.values(), *submissions]}
     if job.names_dataset and job.dataset.name not in configs and not refused:
         raise DatasetError(
             f"there are no results on {job.dataset.name}: those of {run_dir} and {results_dir} are "
@@ -69,7 +69,7 @@ def run(job: Job[ResultsOptions]) -> None:
         files = {name: path.read_bytes() for name, (path, _) in copies.items()}
         leave(results_dir, files, overwrite=overwrite)
     entries = entries_of(
-        [*comparable(found), *submissions],
+        [*comparable(runs), *submissions],
         available.has,
         lambda each: replays is not None and each in replays,
     )
@@ -82,8 +82,8 @@ def run(job: Job[ResultsOptions]) -> None:
         for _, of_config in groupby(methods, lambda each: each.config):
             say(overview(list(of_config)))
         say_once(Results.LEGEND[0])
-        say(f"{count(len(found), 'run')}: {results_dir}")
-    for paths in of_equal_weights(found):
+        say(f"{count(len(runs), 'run')}: {results_dir}")
+    for paths in of_equal_weights(runs):
         names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)
         say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
     for config, reason in available.missing.items():

@@ -114,8 +114,8 @@ def _printed(figure: PaperFigure | None) -> str:
 
 def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]]:
     for split in SPLITS.evaluated:
-        found = (results.baselines[name][split] for name in names)
-        yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
+        by_name = (results.baselines[name][split] for name in names)
+        yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in by_name)]
 
 
 def _effort(method: Entry) -> list[str]:
@@ -175,6 +175,6 @@ def csv_of(methods: Sequence[Entry]) -> str:
     for (config, setup), results in firsts.items():
         about = {"config": config, "setup": setup, "source": "no learning"}
         for name in Results.WITHOUT_LEARNING:
-            for split, found in results.baselines.get(name, {}).items():
-                rows.append(about | {"method": name, "split": split} | dict(found))
+            for split, figures in results.baselines.get(name, {}).items():
+                rows.append(about | {"method": name, "split": split} | dict(figures))
     return as_csv(COLUMNS, rows)

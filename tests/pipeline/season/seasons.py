@@ -12,7 +12,7 @@ from support.policies import RELEASED
 
 from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from pipeline.season.commitment import Place
+from pipeline.season.commitment import Layout
 from pipeline.season.options import SeasonOptions
 
 
@@ -51,4 +51,4 @@ class Performer:
 
     @property
     def place(self):
-        return Place(self.folder / "seasons" / "2026-a")
+        return Layout(self.folder / "seasons" / "2026-a")
