@@ -26,11 +26,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.data import Dataset, Drawing
+from labyrinth_core.evaluation import Evaluation
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import COLUMNS
 from labyrinth_core.world.rules import RULES

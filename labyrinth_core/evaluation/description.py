@@ -9,11 +9,15 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Annotated, Any, ClassVar, TypedDict
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
+from labyrinth_core.data import SPLITS, DatasetConfig
 
 LONGEST = 300
 """The largest number of characters of a text."""
+
+ConfigName = Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
+SplitName = Annotated[str, typed.Like("|".join(SPLITS))]
 
 _URL = re.compile(r"https?://\S+")
 
@@ -182,7 +186,7 @@ class TrainedRun(RunName):
 
     settings: Mapping[typed.Word, Any]
     """The settings of the method."""
-    config: typed.ConfigName
+    config: ConfigName
     """The config of the dataset it learnt from, such as `5x5`."""
     dataset: str
     revision: str | None = None
@@ -193,7 +197,7 @@ class TrainedRun(RunName):
     references_know: typed.Sha256 | None = None
     """The fingerprint of the dataset whose train the references know; None if it is the dataset
     on which the policy is judged."""
-    as_tried: Mapping[typed.SplitName, Mapping[typed.Word, float]] | None = None
+    as_tried: Mapping[SplitName, Mapping[typed.Word, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
 
 

@@ -17,12 +17,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import Origin, TrainedRun

@@ -13,13 +13,15 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.evaluation.baselines import WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import (
+    ConfigName,
     Description,
     Judgement,
     Origin,
+    SplitName,
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import Receipt
@@ -147,7 +149,7 @@ class DatasetName:
 
     source: str
     revision: str | None
-    config: typed.ConfigName
+    config: ConfigName
     fingerprint: typed.Sha256
 
 
@@ -175,8 +177,8 @@ class ResultsFile:
     method: Description
     dataset: DatasetName
     evaluated: Evaluated
-    splits: Mapping[typed.SplitName, Played]
-    baselines: Mapping[_Baseline, Mapping[typed.SplitName, Figures]]
+    splits: Mapping[SplitName, Played]
+    baselines: Mapping[_Baseline, Mapping[SplitName, Figures]]
     run: TrainedRun | None = None
     judged: Judgement | None = None
     policy: Origin | None = None

@@ -15,12 +15,12 @@ from torch.optim import Optimizer
 
 from labyrinth_core.evaluation import LabyrinthArrays, check_policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.observations import Observations
+from labyrinth_core.learning.spec import OWN, NetworkSpec
 from labyrinth_core.learning.steps import Steps, roll_out, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.spec import OWN, NetworkSpec
 from labyrinth_core.world.rules import Task
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.tasks import sample_labyrinth

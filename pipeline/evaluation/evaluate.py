@@ -11,8 +11,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, RunName
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth

@@ -9,9 +9,8 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Results
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.console import say

@@ -10,11 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import folder_at
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, KnownDataset, Results, TrainedRun
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.storage import folder_at
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import METHODS, TrainingOptions

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.options import ResultsFolderOption

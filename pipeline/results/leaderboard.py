@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, Results
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.entry import RANKED_BY, Entry, Figures, as_csv, percent_cell

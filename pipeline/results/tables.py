@@ -10,7 +10,7 @@ from statistics import mean
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Results
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.comparison import conclusion, interquartile_mean

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from labyrinth_core.data import typed
+from labyrinth_core import typed
 from pipeline.config.errors import check
 from pipeline.config.option import DATASET_AND_CONFIG, option
 from pipeline.config.options import WorkOptions

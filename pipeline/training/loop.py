@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.learning.learner import Learner
-from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from pipeline.config.errors import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import Shard
 from pipeline.generation import build
 from pipeline.machinery import folders
 from support.crashing import CrashError

@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
 from pipeline.command import composed
 from pipeline.command.dataset import BucketsConfig

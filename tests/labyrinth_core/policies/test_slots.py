@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
-from labyrinth_core.policies.networks.slots import (
+from labyrinth_core.learning.networks.slots import (
     Slots,
 )
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.tasks import sample_labyrinth

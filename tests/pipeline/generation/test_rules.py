@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 from support.making import run_of
 
-from labyrinth_core.data.drawing import Solution
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Action, Task
 from labyrinth_core.world.structure import Structure
+from pipeline.generation.labyrinths import Solution
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 

@@ -24,16 +24,14 @@ from support.brute_force import (
 from support.making import Run
 from support.tampering import Rows, read_rows
 
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world.dynamics import replay
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure
 from pipeline.generation import table
+from pipeline.generation.labyrinths import Solution
 
 pytestmark = pytest.mark.slow
 

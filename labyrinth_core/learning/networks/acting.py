@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.evaluation import PolicyError, TrainedRun
+from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
+from labyrinth_core.learning.networks.network import Network
+from labyrinth_core.learning.networks.planning import Planner
+from labyrinth_core.learning.networks.symmetry import Averaged
+from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.policies.networks.network import Network
-from labyrinth_core.policies.networks.planning import Planner
-from labyrinth_core.policies.networks.symmetry import Averaged
-from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.world.rules import Task
 
 BATCH = 64
