@@ -26,7 +26,7 @@ from unittest.mock import patch
 from measuring import cpu_seconds, forget, machine, parser_of, ratio, run_command, take_turns
 from PIL import Image
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State

@@ -86,8 +86,8 @@ class Demonstrated:
                 for episode in Drawing(config).episodes("train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
-                        place = train, number, labyrinth.state_index(state)
-                        taken.setdefault(place, [0, 0, 0, 0])[action] += 1
+                        key = train, number, labyrinth.state_index(state)
+                        taken.setdefault(key, [0, 0, 0, 0])[action] += 1
                 number += 1
         counts = np.array([*taken.values()], np.float32)
         shares = counts / counts.sum(axis=1, keepdims=True)

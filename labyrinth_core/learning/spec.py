@@ -159,7 +159,7 @@ class PolicySpec:
 
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
-        from labyrinth_core.evaluation.answers import PolicyError
+        from labyrinth_core.evaluation import PolicyError
 
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.errors import one_line
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.storage import File

@@ -20,13 +20,11 @@ import torch
 
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player, Policy
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.network import usual_defaults
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.spec import (
@@ -72,9 +70,9 @@ def refuse(job: Job[TrainOptions]) -> None:
     options = job.options
     method, _ = find(options.method_name, options.method, options.protocol)
     check(
-        method.renews or options.train_labyrinths != FRESH,
-        f"train_labyrinths={FRESH}: method={options.method_name} learns from the same labyrinths "
-        "in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
+        method.renews or options.train_labyrinths != RunName.FRESH,
+        f"train_labyrinths={RunName.FRESH}: method={options.method_name} learns from the same "
+        "labyrinths in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
     )
 
 
@@ -209,7 +207,7 @@ def prepare(
     method: type[Learner],
     settings: BaseSettings,
     device: torch.device,
-) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
+) -> tuple[Learner, Callable[[NetworkPolicy], dict[str, float]]]:
     """Return a fresh learner, and a function that evaluates a policy on train and validation."""
     options = job.options
     spec = spec_of(job)
@@ -249,16 +247,16 @@ def prepare(
         rng=np.random.default_rng(job.dataset.seed),
     )
 
-    def judge(policy: Policy) -> dict[str, float]:
+    def judge(policy: NetworkPolicy) -> dict[str, float]:
         player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
-        rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
+        rates = {f"{split}_sr": player.success_rate(each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
-    if options.train_labyrinths == FRESH:
+    if options.train_labyrinths == RunName.FRESH:
         shown = data.manifest.config
         check(
             shown.min_walls == 1,
-            f"train_labyrinths={FRESH}: new labyrinths may be nearer to those of test than "
+            f"train_labyrinths={RunName.FRESH}: new labyrinths may be nearer to those of test than "
             f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
         )
         fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)
@@ -277,13 +275,6 @@ def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
     ]
     if changed:
         say(f"protocol={options.protocol}, but {', '.join(changed)}")
-
-
-def _rate(player: Player, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves; by look-ups if it has no memory."""
-    if player.forgets:
-        return success_rate(player.act, arrays)
-    return float(step_through(player, arrays, 1).solved.mean())
 
 
 @contextmanager

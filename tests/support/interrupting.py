@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import Shard
 from labyrinth_core.folders import LocalFolder
 from pipeline.generation import build
 from support.crashing import CrashError

@@ -9,8 +9,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.network import Network
 from labyrinth_core.learning.networks.planning import Planner

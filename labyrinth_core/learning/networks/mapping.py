@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.networks.network import ACTIONS, double
 from labyrinth_core.learning.networks.slots import (
     CELL,

@@ -19,8 +19,8 @@ from omegaconf import OmegaConf
 from support.composing import composed
 from support.making import RunConfig, resolve
 
-from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig
+from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS
 from labyrinth_core.world.rules import Task
 from labyrinth_core.world.sampling import ALGORITHMS
 from pipeline.command.composed import OPTIONS

@@ -15,7 +15,7 @@ from seasons import Performer
 from support.policies import RELEASED
 from support.publishing import local_hub, run_script
 
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from pipeline.config.errors import ConfigError
 from pipeline.generation import build
 from pipeline.machinery.sums import HASHES

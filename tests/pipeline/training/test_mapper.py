@@ -16,9 +16,7 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.evaluation.answers import Player, PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import mapper
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
@@ -101,10 +99,8 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
         each.states[-1].agent == each.labyrinth.goal
         and len(each.actions)
         == len(Solver(each.labyrinth).shortest_route(np.random.default_rng(0)))
-        for each in attempts(
-            Player.of(policy, 0),
-            LabyrinthArrays.of_labyrinths(labyrinths, drawing),
-            range(len(labyrinths)),
+        for each in Player.of(policy).attempts(
+            LabyrinthArrays.of_labyrinths(labyrinths, drawing), range(len(labyrinths))
         )
     ]
     return float(np.mean(won))
@@ -254,7 +250,7 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)
         silent, asked_of_silent = counted(replace(player, remembered=None))
-        early, late = (step_through(each, arrays, 1) for each in (saying, silent))
+        early, late = (each.step_through(arrays, 1) for each in (saying, silent))
         assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters

@@ -16,7 +16,7 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import CONFIG, WEIGHTS
