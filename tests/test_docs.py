@@ -20,7 +20,7 @@ from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.command.composed import DEFAULTS, OPTIONS
 
 ROOT = Path(__file__).parents[1]

@@ -34,7 +34,7 @@ from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""

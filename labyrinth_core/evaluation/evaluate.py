@@ -29,7 +29,7 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
 from labyrinth_core.evaluation.twins import train_set
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 NOT_EVALUATED = ("random",)
 """Splits that hold another policy's episodes in the labyrinths of train."""

@@ -44,8 +44,7 @@ from labyrinth_core.evaluation.twins import (
 )
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action, Labyrinth
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""

@@ -22,8 +22,7 @@ from labyrinth_core.evaluation.answers import (
     memory_of,
 )
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES, Episode
 
 OUTCOMES = {
     "solved": "the goal is reached",
@@ -322,7 +321,7 @@ def attempts(player: Player, arrays: LabyrinthArrays, which: Sequence[int]) -> l
 
     play(arrays, noted, start=arrays.initial[list(which)], limit=arrays.cells)
     return [
-        replay(arrays.labyrinths[place], actions)
+        arrays.labyrinths[place].replay(actions)
         for place, actions in zip(which, taken, strict=True)
     ]
 

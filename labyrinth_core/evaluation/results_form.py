@@ -28,7 +28,7 @@ from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 KIND = "labyrinth-results"
 FORMAT = 2

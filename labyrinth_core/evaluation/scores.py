@@ -12,7 +12,7 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 """The shares of optimal actions; see `Scores`."""

@@ -16,7 +16,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.version import DEVELOPERS, __version__
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from pipeline.config.export import ExportOptions
 from pipeline.machinery.console import tracked
 

@@ -34,8 +34,7 @@ from labyrinth_core.data.drawing import (
     Drawing,
 )
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (

@@ -22,8 +22,7 @@ from labyrinth_core.data.format import TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest, Shard, TableFile
 from labyrinth_core.data.storage import AnyPath, File
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Solver
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -11,7 +11,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config

@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"

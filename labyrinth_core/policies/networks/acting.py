@@ -17,7 +17,7 @@ from labyrinth_core.policies.networks.network import Network
 from labyrinth_core.policies.networks.planning import Planner
 from labyrinth_core.policies.networks.symmetry import Averaged
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 BATCH = 64
 """Observations per forward pass without gradients; with more, layers exceed caches."""

@@ -47,7 +47,7 @@ from labyrinth_core.policies.networks.slots import (
     places_of,
 )
 from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.config.errors import check
 
 

@@ -26,7 +26,7 @@ from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
 

@@ -16,8 +16,8 @@ from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.playing import step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task, neighbours
+from labyrinth_core.world import Labyrinth, State, Task
+from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.structure import breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]

@@ -30,8 +30,7 @@ from labyrinth_core.data import rows as reading
 from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.generation import check as checking
 
 # A file that is not read, as its footer shows that it is not ours.

@@ -16,9 +16,7 @@ from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Solver
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
@@ -36,7 +34,7 @@ def episodes(folder, split):
             found.append((row["info"], []))
         found[-1][1].append(row)
     return [
-        (parse(info), replay(parse(info), [row["actions"] for row in of[:-1]]), of)
+        (parse(info), parse(info).replay([row["actions"] for row in of[:-1]]), of)
         for info, of in found
     ]
 

@@ -17,7 +17,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 from pipeline.generation import check
 
 __all__ = ["asked", "copied"]

@@ -27,10 +27,7 @@ from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
 from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.policies.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train

@@ -25,9 +25,7 @@ from labyrinth_core.policies.networks.acting import NetworkPolicy
 from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.policies.spec import WEIGHTS, NetworkSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, State
-from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy
 from pipeline.training.methods import bc, planner
@@ -147,7 +145,7 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     spec = NetworkSpec("planner", 5, 5, "navigation")
     make = partial(planner.Method.make, settings=settings)
     policy = read_policy(RELEASED / WEIGHTS, spec, make=make)
-    structures = sample_structures(
+    structures = Structure.sample(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
