@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import follow, follow_route
 from labyrinth_core.evaluation.scores import Episodes, Scores
-from labyrinth_core.world.rules import RULES
-from labyrinth_core.world.solver import RouteMemory
+from labyrinth_core.world import RULES, RouteMemory
 
 BASELINES = {
     "random": "uniformly random actions; exact expectations",

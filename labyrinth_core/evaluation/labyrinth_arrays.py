@@ -21,9 +21,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES, Labyrinth, Tables
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression

@@ -29,7 +29,7 @@ from labyrinth_core.evaluation.twins import (
     train_set,
     without_effects,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]

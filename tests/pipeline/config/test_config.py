@@ -21,8 +21,7 @@ from support.making import RunConfig, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world import ALGORITHMS, Task
 from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
