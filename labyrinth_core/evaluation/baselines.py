@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import Episodes, follow, follow_route
-from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.rules import RULES
-from labyrinth_core.world.solver import RouteMemory
+from labyrinth_core.evaluation.playing import follow, follow_route
+from labyrinth_core.evaluation.scores import Episodes, Scores
+from labyrinth_core.world import RULES, RouteMemory
 
 BASELINES = {
     "random": "uniformly random actions; exact expectations",
@@ -36,6 +35,12 @@ REFERENCES = {
     "local_walls": "what train does most often in the same cell with the same walls around it",
 }
 """Reference -> what it does."""
+
+REPLANNERS = ("replanner", "without memory")
+"""The names of the replanner's figures, with memory and without; see `replanner`."""
+
+WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
+"""The names of all figures that need no learning, in the order of the columns of tables."""
 
 SIDES = 1 << np.arange(4)
 """The bit for a wall on each of the four sides of a cell, in the number of its surroundings."""
@@ -65,8 +70,8 @@ class TrainMemory:
         For surroundings that no demonstration meets in a cell, `actions` has the most frequent
         action in the same surroundings elsewhere; for those met nowhere, the most frequent of all.
         """
-        begun = zip(train.route_starts.tolist(), train.routes, strict=True)
-        routes = RouteMemory(_visited(train, start, route) for start, route in begun)
+        walked = train.walk(train.route_starts, train.routes)
+        routes = RouteMemory(train.position[states].tolist() for states in walked)
         counts = np.zeros((train.cells, SURROUNDINGS, 4), np.int64)
         np.add.at(counts, (train.position, surroundings(train)), train.demonstrated)
         for wider in (counts.sum(axis=0), counts.sum(axis=(0, 1))):
@@ -126,15 +131,6 @@ class TrainMemory:
         return Episodes(outcomes, np.array(moves, np.int64), arrays.cells)
 
 
-def _visited(arrays: LabyrinthArrays, state: int, route: NDArray[np.int64]) -> list[int]:
-    """Return the cells that the agent visits on a route that begins in `state`."""
-    states = [state]
-    for action in route.tolist():
-        states.append(int(arrays.next_state[states[-1], action]))
-    cells: list[int] = arrays.position[states].tolist()
-    return cells
-
-
 def surroundings(arrays: LabyrinthArrays) -> NDArray[np.int64]:
     """Return a bit set per state of the sides with a wall or a locked door, shape (S,)."""
     blocked = arrays.next_state == np.arange(len(arrays.next_state))[:, None]
@@ -163,8 +159,8 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
         mean += float(ending @ returns)
         square += float(ending @ returns**2)
         alive = walk.moved(alive, out=alive)
-    left, cut = float(alive.sum()), -penalty * arrays.step_limit
-    return _figures(solved, within, spl, mean + left * cut, square + left * cut**2)
+    unfinished, cut = float(alive.sum()), -penalty * arrays.step_limit
+    return _figures(solved, within, spl, mean + unfinished * cut, square + unfinished * cut**2)
 
 
 def _figures(
@@ -290,7 +286,7 @@ def _before(
     """
     moves = np.bincount(targets, minlength=count)
     order = np.argsort(targets, kind="stable")
-    place = np.arange(len(order)) - np.repeat(np.cumsum(moves) - moves, moves)
+    row = np.arange(len(order)) - np.repeat(np.cumsum(moves) - moves, moves)
     before = np.full((max(moves.max(initial=0), 1), count), count)
-    before[place, targets[order]] = sources[order]
+    before[row, targets[order]] = sources[order]
     return before

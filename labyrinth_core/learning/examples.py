@@ -19,11 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
-from labyrinth_core.world.structure import UNREACHABLE
+from labyrinth_core.evaluation import LabyrinthArrays
+from labyrinth_core.world import Episode, Labyrinth, State
 
 NO_LABEL = -1
 
@@ -97,7 +94,7 @@ class ExampleSampler:
 
 def _replayed(arrays: LabyrinthArrays, number: int) -> Episode:
     labyrinth = arrays.labyrinths[arrays.labyrinth[arrays.route_starts[number]]]
-    return replay(labyrinth, arrays.routes[number].tolist())
+    return labyrinth.replay(arrays.routes[number].tolist())
 
 
 def _action(episode: Episode, index: int, step: int) -> int:
@@ -128,7 +125,7 @@ class Parts(Sequence[tuple[int, int]]):
         else:
             starts = np.array([not state.has_key for state in episode.states])
             before_door = np.array(labyrinth.structure.distances(labyrinth.start, [door]))
-            behind = (before_door[self._cells] == UNREACHABLE) & (self._cells != door)
+            behind = (before_door[self._cells] < 0) & (self._cells != door)
             first_visits = np.zeros(len(self._cells), np.bool_)
             first_visits[np.unique(self._cells, return_index=True)[1]] = True
             self._goals = behind & first_visits

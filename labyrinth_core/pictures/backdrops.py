@@ -32,7 +32,7 @@ from labyrinth_core.pictures.renderer import (
     squares,
 )
 from labyrinth_core.pictures.vector import hide
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 Pictures = NDArray[np.uint8]
 """Shape (N, image_size, image_size, 3)."""

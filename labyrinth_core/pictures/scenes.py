@@ -31,9 +31,7 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     seen_by,
 )
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, to draw together."""
