@@ -26,9 +26,9 @@ from labyrinth_core.world import RULES, Labyrinth, Tables
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
 
-STATE_BYTES = 500
-"""The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
-bytes in 10,000 labyrinths of 5x5, 300 of 25x25 and 30 of 100x100, 114 of them in arrays."""
+STATE_BYTES = 250
+"""The memory that each state takes while labyrinths are loaded, besides its observation: 210 to 237
+bytes in 10,000 labyrinths of 5x5, 400 of 25x25 and 60 of 100x100, 114 of them in arrays."""
 
 JOINED = 1_000
 """The number of labyrinths whose arrays are joined at once: thousands of small ones take twice the
