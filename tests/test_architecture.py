@@ -47,7 +47,7 @@ ROOMS = {
     # The command needs data to write files as all are written.
     "labyrinth_core.command": of_library("world", "language", "pictures", "data"),
     # What a person checks their own policy or method with.
-    "labyrinth_core.testing": of_library("world", "evaluation", "learning"),
+    "labyrinth_core.testing": of_library("world", "pictures", "evaluation", "learning"),
     "labyrinth_core": ("labyrinth_core",),
     "pipeline.config": ("labyrinth_core",),
     "pipeline.machinery": ("labyrinth_core", "pipeline.config"),
@@ -73,6 +73,9 @@ DOORS = (
     "labyrinth_core.benchmarks",
     "labyrinth_core.command",
     "labyrinth_core.env",
+    "labyrinth_core.learning",
+    "labyrinth_core.policies",
+    "labyrinth_core.testing",
     "pipeline.certify",
     "pipeline.command",
     "pipeline.evaluation",
@@ -83,13 +86,14 @@ DOORS = (
     "pipeline.report",
     "pipeline.results",
     "pipeline.season",
+    "pipeline.training",
 )
 """Rooms of which others import only what the room's `__init__.py` exports; to be extended."""
 
 MOST_EXPORTED = 12
 """The most names that a door exports."""
 
-MOST_CROSSING, MOST_FROM_LIBRARY = 297, 157
+MOST_CROSSING, MOST_FROM_LIBRARY = 265, 135
 """The names that cross the doors of rooms, and those that the program takes from the library, as
 `scripts/measure_structure.py` prints them; ceilings, to be lowered only."""
 
@@ -135,6 +139,7 @@ HOMES = {
     "torch": (
         "labyrinth_core.policies",
         "labyrinth_core.learning",
+        "labyrinth_core.testing.methods",
         "pipeline.training",
         "pipeline.season.submission",
     ),
@@ -166,6 +171,7 @@ AT_ONCE_IN_THE_LIBRARY = {
     "labyrinth_core.env.window": ("numpy", "pygame"),
     "labyrinth_core.learning": ("numpy", "torch"),
     "labyrinth_core.learning.spec": ("numpy",),
+    "labyrinth_core.testing.methods": ("numpy", "torch"),
 }
 """Room or module of the library -> what importing it may import; the rest waits in functions."""
 
@@ -375,9 +381,16 @@ def test_a_room_says_what_it_is_and_its_door_exports_few_names(room):
     assert first.endswith(".")
     assert second.endswith(".")
     imported = [
-        name for node in tree.body if isinstance(node, ast.ImportFrom) for name in node.names
+        name
+        for node in ast.walk(tree)  # Also behind TYPE_CHECKING, if the door is lazy.
+        if isinstance(node, ast.ImportFrom) and within(str(node.module), room)
+        for name in node.names
     ]
-    defined = [node for node in tree.body if isinstance(node, ast.FunctionDef | ast.ClassDef)]
+    defined = [
+        node
+        for node in tree.body
+        if isinstance(node, ast.FunctionDef | ast.ClassDef) and node.name != "__getattr__"
+    ]
     assert room not in DOORS or len(imported) + len(defined) <= MOST_EXPORTED
 
 
@@ -551,7 +564,7 @@ LIBRARIES = {*packages_distributions(), *HOMES, "pandas"} - sys.stdlib_module_na
 
 def test_the_library_needs_numpy_alone_but_for_the_hub_its_environments_and_networks():
     others = (
-        *("labyrinth_core.data.hub", "labyrinth_core.env"),
+        *("labyrinth_core.data.hub", "labyrinth_core.env", "labyrinth_core.testing.methods"),
         *(name for name in modules_of(ROOT) if name.startswith("labyrinth_core.learning.")),
     )
     modules = [

@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import MISSING, dataclass, fields, is_dataclass
 from functools import cache
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Literal, Union, get_args, get_origin, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
@@ -194,7 +194,8 @@ def _entries(name: Any, of: Any) -> Reader:
 
 def _fields(kind: Any) -> Reader:
     """Return a reader of an object with certain names: a dataclass or a TypedDict."""
-    readers = {n: _reader(of) for n, of in get_type_hints(kind, include_extras=True).items()}
+    kinds = get_type_hints(kind, include_extras=True)
+    readers = {n: _reader(of) for n, of in kinds.items() if get_origin(of) is not ClassVar}
     closed = is_dataclass(kind)
     optional = {
         each.name

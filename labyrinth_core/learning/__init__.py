@@ -9,10 +9,13 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.learner import BaseSettings as BaseSettings
     from labyrinth_core.learning.learner import Learner as Learner
-    from labyrinth_core.learning.learner import Problem as Problem
     from labyrinth_core.learning.learner import setting as setting
+    from labyrinth_core.learning.networks.acting import TrainedPolicy as TrainedPolicy
     from labyrinth_core.learning.networks.acting import outputs_of as outputs_of
     from labyrinth_core.learning.observations import Observations as Observations
+    from labyrinth_core.learning.problem import Problem as Problem
+    from labyrinth_core.learning.spec import NetworkSpec as NetworkSpec
+    from labyrinth_core.learning.spec import PolicySpec as PolicySpec
     from labyrinth_core.learning.steps import Rollout as Rollout
     from labyrinth_core.learning.steps import Steps as Steps
     from labyrinth_core.learning.steps import roll_out as roll_out
@@ -20,10 +23,13 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
 _HOMES = {
     "BaseSettings": "learner",
     "Learner": "learner",
+    "NetworkSpec": "spec",
     "Observations": "observations",
-    "Problem": "learner",
+    "PolicySpec": "spec",
+    "Problem": "problem",
     "Rollout": "steps",
     "Steps": "steps",
+    "TrainedPolicy": "networks.acting",
     "outputs_of": "networks.acting",
     "roll_out": "steps",
     "setting": "learner",

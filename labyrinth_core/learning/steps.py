@@ -60,15 +60,15 @@ def load_steps(selection: Selection, arrays: LabyrinthArrays) -> Steps:
         DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
     """
     known = set(arrays.labyrinth_ids.tolist())
-    places, routes = [], []
+    beginnings, routes = [], []
     for episode in selection.iterate_episodes(observation="vector"):
         if episode.labyrinth_id not in known:
             raise DatasetError(
                 f"split={selection.split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
-        places.append(episode.beginning)
+        beginnings.append(episode.beginning)
         routes.append(episode.actions)
-    return steps_along(arrays, arrays.numbers_of(places), routes)
+    return steps_along(arrays, arrays.numbers_of(beginnings), routes)
 
 
 def steps_along(

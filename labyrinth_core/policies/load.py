@@ -7,27 +7,30 @@ downloaded, and no code is executed.
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.data.location import HUB_ID
 from labyrinth_core.data.storage import File
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
-from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
-from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies.record import SUMS, RunRecord, listed
 
 if TYPE_CHECKING:
-    import torch
+    from torch import Tensor
 
-    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy
+    from labyrinth_core.learning import TrainedPolicy
 
-PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
+GRAPH = "model.onnx"
+"""The only file of an ONNX policy, which `load_policy` does not read."""
+
+PUBLISHED = {PolicySpec.FILE: 1 << 16, PolicySpec.WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
     **PUBLISHED,
-    RECORD: 1 << 26,
+    RunRecord.FILE: 1 << 26,
     GRAPH: 1 << 28,
     SUMS: 1 << 20,
 }
@@ -37,7 +40,7 @@ _UNREADABLE = (OSError, ValueError, RecursionError)
 """Exceptions for a file that cannot be read or has invalid content."""
 
 
-def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy | LoadedMapper:
+def load_policy(source: str | Path, *, revision: str | None = None) -> TrainedPolicy:
     """Return a published or trained policy, ready for `evaluate`.
 
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
@@ -63,11 +66,19 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
         raise DatasetError(
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
+    from labyrinth_core.learning import TrainedPolicy
+
     folder = located(source, revision)
-    record = read_run(folder)  # It compares the files with their hashes in the record.
-    policy = _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
-    if record is not None and ":" not in record["run"]["method"]:
-        policy.run = trained_run(record)
+    record = RunRecord.read(folder)  # It compares the files with their hashes in the record.
+    spec, weights = _read_spec(folder), _read_weights(folder / PolicySpec.WEIGHTS)
+    try:
+        policy = TrainedPolicy.of(spec, weights)
+    except PolicyError as error:
+        raise DatasetError(
+            f"{folder / PolicySpec.WEIGHTS} is of another network: {error}"
+        ) from error
+    if record is not None and ":" not in record.content["run"]["method"]:
+        policy.run = record.trained_run()
     return policy
 
 
@@ -115,67 +126,50 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
             raise DatasetError(f"{told}; download or train it again")
 
 
-def check_size(place: object, name: str, size: int) -> None:
+def check_size(path: object, name: str, size: int) -> None:
     """Raise DatasetError if a file of a policy, such as `config.json`, is too large."""
     if size > MOST_BYTES[name]:
-        raise DatasetError(f"{place} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
+        raise DatasetError(f"{path} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
 
 
-def _read_spec(path: Path) -> PolicySpec:
+def _read_spec(folder: Path) -> PolicySpec:
+    path = folder / PolicySpec.FILE
     try:
-        check_size(path, CONFIG, path.stat().st_size)
+        check_size(path, path.name, path.stat().st_size)
         return PolicySpec.from_json(File(path).read_json())
     except FileNotFoundError as error:
-        reason = f"the folder holds neither a published policy nor a run ({RECORD})"
+        reason = f"the folder holds neither a published policy nor a run ({RunRecord.FILE})"
         raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
 
 
-def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """Return the tensors and the texts in a file of weights."""
+def _read_weights(path: Path) -> dict[str, Tensor]:
     try:
         check_size(path, path.name, path.stat().st_size)
-        return read_tensors(path)
+        return read_tensors(path)[0]
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 
-def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
-    """Return the policy with its weights, after checking their names, shapes and dtypes."""
-    import torch
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Return the tensors in a file, on the CPU, and the texts in its header.
 
-    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy, make_network
-    from labyrinth_core.learning.networks.mapping import Mapper
-    from labyrinth_core.learning.networks.network import usual_defaults
+    The file is read, not mapped into memory, which some network file systems do not support.
 
-    def make() -> torch.nn.Module:
-        return make_network(spec.network, average=spec.average, own=spec.own)
+    Raises:
+        OSError: The file does not exist, or cannot be read.
+        ValueError: The file has another format.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load
 
-    # On this device no memory is allocated: a file could ask for any amount.
-    with usual_defaults(), torch.device("meta"):
-        expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
-    tensors, _ = _read_weights(path)
-    for name in sorted(expected.keys() | tensors.keys()):
-        tensor = tensors.get(name)
-        found = None if tensor is None else (tensor.shape, tensor.dtype)
-        if found != expected.get(name):
-            is_, should_be = map(_described, (found, expected.get(name)))
-            told = f"{printable_line(name):.200} is {is_}, not {should_be}"
-            raise DatasetError(f"{path} is of another network: {told}")
-    with usual_defaults():
-        network = make()
-    network.load_state_dict(tensors)
-    network.eval()
-    if isinstance(network, Mapper):
-        return LoadedMapper(network, spec)
-    return LoadedPolicy(network, spec)
-
-
-def _described(tensor: Any) -> str:
-    if tensor is None:
-        return "absent"
-    shape, dtype = tensor
-    return f"{str(dtype).removeprefix('torch.')} of shape {tuple(shape)}"
+    content = path.read_bytes()
+    try:
+        tensors = load(content)
+        header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    except (SafetensorError, RuntimeError, *MALFORMED) as error:
+        raise ValueError(one_line(error)) from error
+    return tensors, header.get("__metadata__") or {}

@@ -14,7 +14,7 @@ from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import TrainedRun
 from labyrinth_core.evaluation.replaying import require_replay
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.policies import PolicyNameError, open_policy
 from pipeline.config.training import METHODS
 from pipeline.machinery.console import say
 from pipeline.results.available import Available

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning import Learner
 from pipeline.config.errors import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
@@ -89,7 +88,7 @@ def fit(
         if progress.epoch == 1:
             checkpoint.state_of(learner)  # Fail now, not when the first checkpoint is due.
         if progress.epoch % every == 0 or progress.epoch == epochs:
-            figures |= judge(NetworkPolicy(learner.policy))
+            figures |= judge(learner.acting)
         now = time.perf_counter()
         progress.seconds = now - began
         row = {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures

@@ -18,8 +18,8 @@ from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.learning.fresh import FreshLabyrinths
-from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.learner import Learner
+from labyrinth_core.learning.problem import FreshLabyrinths, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.structure import Structure
