@@ -6,16 +6,17 @@ A user's own method imports from here; the methods of this project are in `metho
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from labyrinth_core.learning.spec import NetworkSpec as NetworkSpec
+from labyrinth_core.learning.spec import PolicySpec as PolicySpec
+
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.learner import BaseSettings as BaseSettings
     from labyrinth_core.learning.learner import Learner as Learner
     from labyrinth_core.learning.learner import setting as setting
     from labyrinth_core.learning.networks.acting import TrainedPolicy as TrainedPolicy
     from labyrinth_core.learning.networks.acting import outputs_of as outputs_of
-    from labyrinth_core.learning.observations import Observations as Observations
     from labyrinth_core.learning.problem import Problem as Problem
-    from labyrinth_core.learning.spec import NetworkSpec as NetworkSpec
-    from labyrinth_core.learning.spec import PolicySpec as PolicySpec
+    from labyrinth_core.learning.steps import Observations as Observations
     from labyrinth_core.learning.steps import Rollout as Rollout
     from labyrinth_core.learning.steps import Steps as Steps
     from labyrinth_core.learning.steps import roll_out as roll_out
@@ -23,9 +24,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
 _HOMES = {
     "BaseSettings": "learner",
     "Learner": "learner",
-    "NetworkSpec": "spec",
-    "Observations": "observations",
-    "PolicySpec": "spec",
+    "Observations": "steps",
     "Problem": "problem",
     "Rollout": "steps",
     "Steps": "steps",
@@ -34,9 +33,9 @@ _HOMES = {
     "roll_out": "steps",
     "setting": "learner",
 }
-"""Name -> its module here, imported on first use: most need PyTorch, specifications do not."""
+"""Name -> its module here, which needs PyTorch and is imported on first use."""
 
-__all__ = [*_HOMES]
+__all__ = ["NetworkSpec", "PolicySpec", *_HOMES]
 
 
 def __getattr__(name: str) -> Any:

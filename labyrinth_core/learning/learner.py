@@ -22,9 +22,9 @@ from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_defaults
-from labyrinth_core.learning.observations import parts_of
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning.steps import parts_of
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 
 

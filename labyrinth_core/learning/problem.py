@@ -26,9 +26,8 @@ from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.examples import ExampleSampler
 from labyrinth_core.learning.networks.network import ACTIONS
-from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import Steps, load_steps, roll_out, steps_along
+from labyrinth_core.learning.steps import Observations, Steps, load_steps, roll_out, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world.labyrinth import Labyrinth
 

@@ -21,8 +21,14 @@ from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import PolicyError, asked
 from labyrinth_core.evaluation.description import Origin
 from labyrinth_core.learning import PolicySpec
-from labyrinth_core.policies.load import GRAPH, MOST_BYTES, check_size, downloaded, load_policy
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import (
+    GRAPH,
+    MOST_BYTES,
+    RunRecord,
+    check_size,
+    downloaded,
+    load_policy,
+)
 
 _KINDS = ((PolicySpec.WEIGHTS, PolicySpec.FILE), (GRAPH,))
 """The files of each kind of policy, the weights first."""

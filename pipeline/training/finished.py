@@ -17,7 +17,6 @@ from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
-from pipeline.training.checkpoint import read_policy
 from pipeline.training.identity import (
     choose_device,
     identify,
@@ -26,7 +25,6 @@ from pipeline.training.identity import (
     spec_of,
     without_place,
 )
-from pipeline.training.method import find
 
 
 def require_run(job: Job[TrainingOptions], folder: Path) -> RunRecord:
@@ -43,6 +41,8 @@ def require_run(job: Job[TrainingOptions], folder: Path) -> RunRecord:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
+        from pipeline.training.method import find
+
         settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
         advice = ": leave the option out, or train with it first"
@@ -92,6 +92,9 @@ def _of_users_method(
         run: The run.
         values: The settings of the method in the run.
     """
+    from pipeline.training.checkpoint import read_policy
+    from pipeline.training.method import find
+
     options, about, spec = job.options, data.manifest.config, spec_of(job)
     method, settings = find(options.method_name, values, options.protocol)
     spec.require_same_vectors(about.height, about.width, about.task)

@@ -17,7 +17,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from pipeline.machinery.artifact import Sums, leave
 from pipeline.training.method import find
 

@@ -17,7 +17,7 @@ from labyrinth_core.evaluation.results import Results
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import outputs_of
 from labyrinth_core.learning.problem import Problem
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.solver import Solver
 from labyrinth_core.world.structure import Structure

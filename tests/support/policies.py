@@ -11,7 +11,7 @@ import numpy as np
 
 from labyrinth_core.data.storage import File
 from labyrinth_core.learning.spec import NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.policies.record import FORMAT, RunRecord
+from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
 from pipeline.config.training import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
@@ -38,7 +38,7 @@ def lay_out_run(folder, spec, **run):
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
     method = "bc" if spec.own is None else spec.network.encoder
     content = {
-        "format": FORMAT,
+        "format": RECORD_FORMAT,
         "run": {
             "method": method,
             "encoder": spec.network.encoder,

@@ -27,7 +27,7 @@ from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import State, Task
 from labyrinth_core.world.solver import Solver

@@ -15,9 +15,8 @@ from torch import nn
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import Steps
+from labyrinth_core.learning.steps import Observations, Steps
 from labyrinth_core.pictures.looks import Looks
 from pipeline.config.training import METHODS
 from pipeline.training.method import find

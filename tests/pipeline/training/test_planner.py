@@ -25,7 +25,7 @@ from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import Look, State
 from labyrinth_core.world.sampling import sample_structures

@@ -22,7 +22,7 @@ from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.storage import File
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import PolicySpec
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import HASHES, leave
 from pipeline.training import record, train

@@ -21,7 +21,7 @@ from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import PolicySpec
 from labyrinth_core.pictures import looks
-from labyrinth_core.policies.record import RunRecord
+from labyrinth_core.policies.load import RunRecord
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.artifact import HASHES
