@@ -3,9 +3,9 @@
 A user's own method imports from here; the methods of this project are in `methods`.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from labyrinth_core.doors import door
 from labyrinth_core.learning.spec import NetworkSpec as NetworkSpec
 from labyrinth_core.learning.spec import PolicySpec as PolicySpec
 
@@ -20,26 +20,13 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.steps import Rollout as Rollout
     from labyrinth_core.learning.steps import Steps as Steps
     from labyrinth_core.learning.steps import roll_out as roll_out
-
-_HOMES = {
-    "BaseSettings": "learner",
-    "Learner": "learner",
-    "Observations": "steps",
-    "Problem": "problem",
-    "Rollout": "steps",
-    "Steps": "steps",
-    "TrainedPolicy": "networks.acting",
-    "outputs_of": "networks.acting",
-    "roll_out": "steps",
-    "setting": "learner",
-}
-"""Name -> its module here, which needs PyTorch and is imported on first use."""
-
-__all__ = ["NetworkSpec", "PolicySpec", *_HOMES]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module of an exported name, and return the object (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+else:  # They need PyTorch.
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "learner": ("BaseSettings", "Learner", "setting"),
+            "networks.acting": ("TrainedPolicy", "outputs_of"),
+            "problem": ("Problem",),
+            "steps": ("Observations", "Rollout", "Steps", "roll_out"),
+        },
+    )

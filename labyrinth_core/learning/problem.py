@@ -18,18 +18,15 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.data import Dataset, DatasetConfig, Drawing
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import LabyrinthArrays, RunName
 from labyrinth_core.learning.examples import ExampleSampler
 from labyrinth_core.learning.networks.network import ACTIONS
 from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import Observations, Steps, load_steps, roll_out, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 
 WALK = 50
 """The number of random steps in each labyrinth that is in no dataset."""
@@ -112,7 +109,7 @@ class Problem:
             spec=spec,
             rng=np.random.default_rng(seed),
         )
-        if train_labyrinths != FRESH:
+        if train_labyrinths != RunName.FRESH:
             return problem
         fresh = FreshLabyrinths(data.manifest.config, train.spec, seed)
         return fresh.renewed(replace(problem, renewed=fresh.renewed), 0)

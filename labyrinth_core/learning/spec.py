@@ -10,11 +10,10 @@ from dataclasses import asdict, dataclass, field, fields
 from math import inf
 from typing import Any, ClassVar, TypedDict, TypeVar
 
-from labyrinth_core.data import typed
+from labyrinth_core import typed
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world import SIDES, Task
 
 KIND = "labyrinth-policy"
 FORMAT = 1
@@ -47,9 +46,9 @@ class NetworkSpec:
 
     encoder: str = checked(one_of=(*ENCODERS, *OWN))
     """An encoder, or the name of a method that has a network of its own."""
-    height: int = checked(MIN_SIDE, MAX_SIDE)
+    height: int = checked(SIDES[0], SIDES[-1])
     """The height of the labyrinths in cells; the length of vectors depends on it."""
-    width: int = checked(MIN_SIDE, MAX_SIDE)
+    width: int = checked(SIDES[0], SIDES[-1])
     task: str = checked(one_of=map(str, Task))
 
     @property
@@ -59,7 +58,7 @@ class NetworkSpec:
 
     def require_same_vectors(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the network takes vectors, and those of such labyrinths differ."""
-        from labyrinth_core.evaluation.answers import PolicyError
+        from labyrinth_core.evaluation import PolicyError
 
         own = self.height, self.width, Task(self.task).rules.positions
         if self.observation == "vector" and own != (height, width, task.rules.positions):
@@ -178,7 +177,7 @@ class PolicySpec:
 
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
-        from labyrinth_core.evaluation.answers import PolicyError
+        from labyrinth_core.evaluation import PolicyError
 
         self.network.require_same_vectors(height, width, task)
         if isinstance(self.own, PlannerSpec) and self.own.grid_prior and height != width:

@@ -16,13 +16,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import TrainedRun, Training
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.evaluation import PolicyError, TrainedRun, Training
 from labyrinth_core.learning import PolicySpec
+from labyrinth_core.storage import File
 from labyrinth_core.version import __version__
 
 if TYPE_CHECKING:
@@ -45,7 +44,7 @@ class MadeBy(TypedDict):
     train_labyrinths: typed.Learnt
     seed: typed.Seed
     settings: Mapping[typed.Word, Any]
-    config: typed.ConfigName
+    config: Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
     dataset: str
     revision: str | None
     fingerprint: typed.Sha256
@@ -242,7 +241,9 @@ def located(source: str | Path, revision: str | None) -> Path:
     """
     folder = Path(source).expanduser()
     if not folder.is_dir():
-        if not HUB_ID.fullmatch(str(source)):
+        from labyrinth_core import hub
+
+        if not hub.ID.fullmatch(str(source)):
             raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
         return downloaded(str(source), revision, PUBLISHED)
     if revision is not None:
@@ -262,7 +263,7 @@ def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path
     Raises:
         DatasetError: A file is too large or damaged, or the Hub does not give it.
     """
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     names = [*names]
     folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})

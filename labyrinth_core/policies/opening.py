@@ -15,11 +15,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError, asked
-from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import Origin, PolicyError
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies.load import (
     GRAPH,
@@ -29,6 +26,7 @@ from labyrinth_core.policies.load import (
     downloaded,
     load_policy,
 )
+from labyrinth_core.storage import File
 
 _KINDS = ((PolicySpec.WEIGHTS, PolicySpec.FILE), (GRAPH,))
 """The files of each kind of policy, the weights first."""
@@ -139,8 +137,8 @@ is a class or a function without required arguments |
         if not code or revision is not None:
             told = "has no revision" if code else "is not executed"
             raise PolicyNameError(f"{name}: a policy in Python {told}")
-        policy = imported(name, lambda module: asked(import_module, module))
-        return asked(policy) if _makes_one(policy) else policy
+        policy = imported(name, lambda module: PolicyError.calling(import_module, module))
+        return PolicyError.calling(policy) if _makes_one(policy) else policy
     files = files_of(source, revision)
     origin = files.origin()
     policy = files.open(name)
@@ -184,7 +182,9 @@ def files_of(
 
 def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     """Return the files of a policy on the Hub, after downloading them."""
-    if not HUB_ID.fullmatch(source):
+    from labyrinth_core import hub
+
+    if not hub.ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")
     for names in _KINDS:

@@ -12,12 +12,10 @@ import torch
 from torch import nn
 from torch.optim import Optimizer
 
-from labyrinth_core.evaluation.contract import check_policy
+from labyrinth_core.evaluation import check_policy
 from labyrinth_core.learning import BaseSettings, Learner, NetworkSpec, Problem
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8
 """The number of labyrinths that a method is tried on."""

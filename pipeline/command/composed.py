@@ -13,8 +13,8 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import folder_at
+from labyrinth_core.data import Manifest
+from labyrinth_core.storage import folder_at
 from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.command.method import chosen_method
 from pipeline.command.stages import STAGES
@@ -43,7 +43,7 @@ class CommandOptions(WorkOptions, DataFolderOption):
     """What all stages share: where datasets are, and how work is done."""
 
     stages: tuple[str, ...] = option(
-        ("build", "validate", "analyse", "card"),
+        tuple(name for name, stage in STAGES.items() if stage.is_default),
         "stages to run, in the order given: " + ", ".join(STAGES),
         one_of=STAGES,
     )

@@ -11,8 +11,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.description import FRESH, RunName
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.evaluation import RunName
 from labyrinth_core.learning import NetworkSpec
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import check_options, option
@@ -68,7 +68,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "number of labyrinths to learn from, the first ones of train (all), or fresh for new ones "
         "in each epoch",
         at_least=1,
-        one_of=(FRESH,),
+        one_of=(RunName.FRESH,),
     )
     device: str = option(
         "auto",

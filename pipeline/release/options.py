@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from labyrinth_core.data.storage import RemotePath
+from labyrinth_core.storage import RemotePath
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option
@@ -152,7 +152,9 @@ def _idle(options: Any) -> dict[str, str]:
 
 
 STAGES = {
-    "card": Stage("pipeline.release.card", WorkOptions, _check_card, next_step=_after_card),
+    "card": Stage(
+        "pipeline.release.card", WorkOptions, _check_card, next_step=_after_card, is_default=True
+    ),
     "publish": Stage(
         "pipeline.release.publish",
         PublishStageOptions,

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,15 +17,15 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.learning import Learner, NetworkSpec
 from labyrinth_core.policies import read_tensors
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.training.identity import require_same, without_place
 
@@ -216,7 +216,7 @@ def read_policy(
     settings: Any,
     spec: NetworkSpec,
     device: torch.device | str = "cpu",
-) -> Policy:
+) -> Callable[[NDArray[Any]], NDArray[np.float32]]:
     """Load the policy of a method from a file.
 
     Args:

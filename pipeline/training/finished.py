@@ -7,11 +7,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy

@@ -9,9 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import File
-from labyrinth_core.learning.spec import NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.learning.spec import (
+    NetworkSpec,
+    PlannerSpec,
+    PolicySpec,
+)
 from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
+from labyrinth_core.storage import File
 from pipeline.config.training import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"

@@ -41,7 +41,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam
 
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.examples import NO_LABEL
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.networks.acting import make_network

@@ -11,8 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import TrainedRun
+from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.network import Network, usual_defaults
@@ -20,7 +19,7 @@ from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 BATCH = 64
 """Observations per forward pass without gradients; with more, layers exceed caches."""

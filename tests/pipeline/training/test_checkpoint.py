@@ -12,7 +12,7 @@ import torch
 from safetensors import safe_open
 from support.learning import settings_of
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.problem import Problem

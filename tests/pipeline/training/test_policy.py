@@ -9,7 +9,7 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.learning.networks.network import Network

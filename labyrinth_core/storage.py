@@ -12,6 +12,7 @@ import errno
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
@@ -22,7 +23,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn, cast
 from uuid import uuid4
 
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 
 def folder_at(place: str | Path) -> AnyPath:
@@ -58,9 +59,9 @@ def _filesystem(protocol: str) -> Any:
     import fsspec
 
     if protocol == "hf":
-        from labyrinth_core.data.hub import prepare_client
+        from labyrinth_core import hub
 
-        prepare_client()
+        hub.prepare_client()
     # A cached listing would hide what other processes write.
     return fsspec.filesystem(protocol, use_listings_cache=False)
 
@@ -95,13 +96,13 @@ class RemotePath:
             place = store._strip_protocol(self.url)
             if not self.url.startswith("hf://"):
                 return question(store, place)
-            from labyrinth_core.data.hub import repeated
+            from labyrinth_core import hub
 
             try:
-                return repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, place))
             except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
                 store.invalidate_cache()
-                return repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, place))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.
@@ -242,6 +243,13 @@ class File:
             while block := file.read(1 << 20):
                 digest.update(block)
         return digest.hexdigest()
+
+    def remove(self) -> None:
+        """Remove the file, or a local folder with its content, even if a process writes there."""
+        if isinstance(self.path, Path) and self.path.is_dir() and not self.path.is_symlink():
+            shutil.rmtree(self.path, ignore_errors=True)
+        else:
+            self.path.unlink(missing_ok=True)
 
     def size_and_time(self) -> tuple[int, float]:
         """Return the size in bytes and the modification time in seconds, without reading it."""
