@@ -346,11 +346,11 @@ def mended(path: AnyPath, check: Callable[[], Result]) -> Result:
     try:
         return check()
     except DatasetError:
-        if not isinstance(path, Path) or "snapshots" not in path.parts:
+        if "snapshots" not in str(path):  # Not of the cache of the Hub's client.
             raise
         from labyrinth_core import hub
 
-        if not hub.download_again(path):
+        if not hub.download_again(Path(str(path))):
             raise
     return check()
 

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.format import BATCH_ROWS, COLUMNS, OTHERS, values_of
 from labyrinth_core.data.manifest import AGAIN, MOST_TEXTS, Shard, mended, readable, unless_replaced
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.storage import AnyPath, File, RemotePath
+from labyrinth_core.remote import RemotePath
+from labyrinth_core.storage import AnyPath, File
 
 if TYPE_CHECKING:
     import pyarrow as pa
