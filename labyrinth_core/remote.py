@@ -62,16 +62,16 @@ class RemotePath:
         """Call `question` with the file system and the path in it, and return its result."""
         try:
             store = filesystem(self.url.partition("://")[0])
-            place = store._strip_protocol(self.url)
+            path = store._strip_protocol(self.url)
             if not self.url.startswith("hf://"):
-                return question(store, place)
+                return question(store, path)
             from labyrinth_core import hub
 
             try:
-                return hub.repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, path))
             except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
                 store.invalidate_cache()
-                return hub.repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, path))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.
@@ -121,10 +121,10 @@ class RemotePath:
     def _listed(self) -> list[tuple[str, bool]]:
         """Return the sorted names in this folder, each with whether it is a folder."""
         try:
-            base, found = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
+            base, entries = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
         except FileNotFoundError:
             return []
-        paths = {each["name"].rstrip("/"): each["type"] == "directory" for each in found}
+        paths = {entry["name"].rstrip("/"): entry["type"] == "directory" for entry in entries}
         paths.pop(base.rstrip("/"), None)  # The folder itself, or a file.
         return sorted((path.rpartition("/")[2], is_dir) for path, is_dir in paths.items())
 

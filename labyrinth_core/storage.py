@@ -27,19 +27,19 @@ if TYPE_CHECKING:
     from labyrinth_core.remote import RemoteFile, RemotePath
 
 
-def folder_at(place: str | Path) -> AnyPath:
+def folder_at(source: str | Path) -> AnyPath:
     """Return the folder at a path or a URL.
 
     Raises:
         ValueError: The URL names no bucket or folder, fsspec does not know its protocol or lacks a
             library for it, or the path begins with `~` and the home folder is unknown.
     """
-    text = str(place)
+    text = str(source)
     if text.startswith("file://"):
         return Path(text.removeprefix("file://"))
     if "://" not in text:
         try:
-            return Path(place).expanduser()
+            return Path(source).expanduser()
         except RuntimeError as error:
             raise ValueError(f"{text}: the home folder of the user is unknown") from error
     from labyrinth_core.remote import RemotePath, filesystem
@@ -200,12 +200,12 @@ class LocalFile(File):
             names: The names in it whose temporary paths to return.
             suffix: As for `temporary`.
         """
-        found = []
+        paths = []
         for path in folder.iterdir() if folder.is_dir() else ():
             name = path.name.removesuffix(suffix).rpartition(".")[0]
             if name.rpartition(".")[0][1:] in names and path.name == _sealed(name, suffix):
-                found.append(path)
-        return found
+                paths.append(path)
+        return paths
 
     def naming(self, temporary: Path | None = None) -> AbstractContextManager[None]:
         """Put the path into an OSError that names no file, as for a full disk, or `temporary`."""
@@ -241,12 +241,12 @@ class LocalFile(File):
         folder = self.path
         with ExitStack() as stack:
             # Callbacks run last to first, so the innermost folder is removed before the others.
-            for each in [*reversed(folder.parents), folder]:
-                if not each.exists():
-                    stack.callback(_remove_if_empty, each)
+            for path in [*reversed(folder.parents), folder]:
+                if not path.exists():
+                    stack.callback(_remove_if_empty, path)
             with suppress(OSError):  # A folder that cannot be written is reported by the caller.
                 folder.mkdir(parents=True, exist_ok=True)
-            if file := next((each for each in [folder, *folder.parents] if each.is_file()), None):
+            if file := next((path for path in [folder, *folder.parents] if path.is_file()), None):
                 raise DatasetError(f"{file} is a file: move it, or choose another folder")
             is_locked = False
             try:
@@ -316,11 +316,11 @@ def _sealed(name: str, suffix: str) -> str:
 
 
 def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
         raise ValueError(f"{twice!r:.60} appears twice in one object")
-    return found
+    return values
 
 
 def _no_number(word: str) -> NoReturn:

@@ -73,9 +73,10 @@ def without_manifest(data_dir: AnyPath) -> list[AnyPath]:
     """
     if not WholeFolder.of(data_dir, Manifest.FILE).is_replaced_at_once:
         return []
-    folders = [file.parent for file in sorted(data_dir.glob(f"*/{Manifest.TABLE}"))]
+    folders: list[AnyPath] = [file.parent for file in data_dir.glob(f"*/{Manifest.TABLE}")]
     named = [folder for folder in folders if DatasetConfig.NAME.fullmatch(folder.name)]
-    return [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    lacking = [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    return sorted(lacking, key=str)
 
 
 def table_config(config: str) -> str:
