@@ -35,14 +35,15 @@ def of_library(*rooms: str) -> tuple[str, ...]:
     return tuple(f"labyrinth_core.{room}" for room in rooms)
 
 
-GROUND = of_library("errors", "storage", "folders", "hub", "typed")
+GROUND = of_library("errors", "storage", "remote", "folders", "hub", "typed")
 """Modules in no room, on which all rooms from the data on stand."""
 
 ROOMS = {
     "labyrinth_core.errors": (),
     "labyrinth_core.hub": of_library("errors"),
-    "labyrinth_core.storage": of_library("errors", "hub"),
-    "labyrinth_core.folders": of_library("storage"),
+    "labyrinth_core.storage": of_library("errors", "remote"),
+    "labyrinth_core.remote": of_library("errors", "hub"),
+    "labyrinth_core.folders": of_library("storage", "remote"),
     "labyrinth_core.typed": of_library("language"),
     "labyrinth_core.world": (),
     "labyrinth_core.language": of_library("world"),
@@ -142,7 +143,7 @@ HOMES = {
     "pandas": ("pipeline.export.lerobot",),
     "minari": ("labyrinth_core.benchmarks.minari_dataset", "pipeline.export.minari"),
     "filelock": ("labyrinth_core.storage",),
-    "fsspec": ("labyrinth_core.storage",),
+    "fsspec": ("labyrinth_core.remote",),
     "huggingface_hub": (
         "labyrinth_core.data.location",
         "labyrinth_core.hub",
