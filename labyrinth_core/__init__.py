@@ -17,12 +17,12 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.benchmarks.certification import certify as certify
     from labyrinth_core.data.datasets import Dataset as Dataset
     from labyrinth_core.data.datasets import Selection as Selection
-    from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.load import load_episodes as load_episodes
     from labyrinth_core.data.load import load_transitions as load_transitions
     from labyrinth_core.data.stream import stream_episodes as stream_episodes
     from labyrinth_core.data.stream import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
+    from labyrinth_core.errors import DatasetError as DatasetError
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
     from labyrinth_core.evaluation.compare import compare as compare
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
@@ -49,7 +49,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
 _HOMES = {
     "Action": "world.rules",
     "Dataset": "data.datasets",
-    "DatasetError": "data.errors",
+    "DatasetError": "errors",
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
     "LabyrinthError": "world.rules",

@@ -20,7 +20,7 @@ from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
 from pipeline.command.dataset import DatasetOptions
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.training import METHODS, target_of
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 ROOT = Path(__file__).parents[1]
 

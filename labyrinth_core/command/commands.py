@@ -13,7 +13,6 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
@@ -26,7 +25,9 @@ from labyrinth_core.language.source_text import (
 )
 from labyrinth_core.language.text import dump, parse, parse_sketch
 from labyrinth_core.pictures.animation import frames_of, gif
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
+from labyrinth_core.pictures.renderer import Painter, render
+from labyrinth_core.pictures.style import MAX_PICTURED_SIDE
+from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.world import (
     ALGORITHMS,
     Action,

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import count, islice
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,19 +20,6 @@ from labyrinth_core.world import Episode, Labyrinth, LabyrinthError, Placer, Sol
 
 _PLACING, _ACTING, _DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
-
-
-class Solution(NamedTuple):
-    """The episodes of one labyrinth, at least one."""
-
-    episodes: list[Episode]
-    shortest: tuple[int, int]
-    """The number of moves of a shortest route, and the number of such routes."""
-
-    @property
-    def labyrinth(self) -> Labyrinth:
-        """The labyrinth, which all episodes share."""
-        return self.episodes[0].labyrinth
 
 
 @dataclass(frozen=True)
@@ -166,11 +153,6 @@ class Drawing:
             structures, config.task, ends, lambda structure: config.bucket_of(structure) == "test"
         )
 
-    def solve(self, split: str, labyrinth: Labyrinth) -> Solution:
-        """Return the `episodes` of a labyrinth, and the length and number of shortest routes."""
-        solver = Solver(labyrinth)
-        return Solution(self._episodes(split, solver), solver.moves_and_routes())
-
     def episodes(self, split: str, labyrinth: Labyrinth) -> list[Episode]:
         """Return the episodes of a labyrinth, in order; the config selects the routes.
 
@@ -178,9 +160,10 @@ class Drawing:
             split: The split of the labyrinth; in `random` a random policy acts instead.
             labyrinth: The labyrinth to solve.
         """
-        return self._episodes(split, Solver(labyrinth))
+        return self.episodes_by(split, Solver(labyrinth))
 
-    def _episodes(self, split: str, solver: Solver) -> list[Episode]:
+    def episodes_by(self, split: str, solver: Solver) -> list[Episode]:
+        """Return the `episodes` of the labyrinth of a solver, which the caller uses further."""
         config, kind, labyrinth = self.config, SPLITS[split], solver.labyrinth
         # A shift that changes only pictures uses the randomness of its parent.
         drawn_for = kind.parent if kind.is_redrawn and kind.parent else split

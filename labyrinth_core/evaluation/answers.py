@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world import Action, Task
 
@@ -40,7 +40,10 @@ _ALLOWED = (
 
 
 class PolicyError(ValueError):
-    """A policy answers with anything but actions, or raises an error, which is the cause."""
+    """A policy cannot see the labyrinths, or answers with anything but actions.
+
+    If the policy raised an error, that is the cause.
+    """
 
 
 def asked(call: Callable[..., Any], *arguments: Any) -> Any:

@@ -27,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import Dataset, Drawing
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.description import MOST_SEED
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays

@@ -11,8 +11,9 @@ from typing import Annotated, Any, TypedDict
 
 import numpy as np
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
+from labyrinth_core.data import SPLITS, DatasetConfig
 
 LONGEST = 300
 """The largest number of characters of a text."""
@@ -28,6 +29,9 @@ MOST_SEED = 2**64 - 1
 
 FRESH = "fresh"
 """In place of the number of labyrinths learnt from, if each epoch had new ones."""
+
+ConfigName = Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
+SplitName = Annotated[str, typed.Like("|".join(SPLITS))]
 
 DETAILS = {
     "labyrinths": "number of labyrinths that the policy learnt from",
@@ -203,7 +207,7 @@ class TrainedRun(RunName):
 
     settings: Mapping[typed.Word, Any]
     """The settings of the method."""
-    config: typed.ConfigName
+    config: ConfigName
     """The config of the dataset it learnt from, such as `5x5`."""
     dataset: str
     revision: str | None = None
@@ -214,7 +218,7 @@ class TrainedRun(RunName):
     references_know: typed.Sha256 | None = None
     """The fingerprint of the dataset whose train the references know; None if it is the dataset
     on which the policy is judged."""
-    as_tried: Mapping[typed.SplitName, Mapping[typed.Word, float]] | None = None
+    as_tried: Mapping[SplitName, Mapping[typed.Word, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
 
 

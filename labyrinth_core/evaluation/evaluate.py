@@ -15,9 +15,8 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset, DatasetConfig
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun

@@ -10,20 +10,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter
-from labyrinth_core.data.datasets import Dataset, Selection
-from labyrinth_core.data.episodes import replayed
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset, Selection
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world import RULES, Labyrinth, Tables
+
+if TYPE_CHECKING:
+    from pyarrow.compute import Expression
 
 STATE_BYTES = 500
 """The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
@@ -98,7 +99,7 @@ class LabyrinthArrays:
         episodes: list[tuple[Place, NDArray[np.int64]]] = []
         part = selection.part()
         try:
-            for block in replayed(part.rows(pictures=False), part.config):
+            for block in part.replayed(pictures=False):
                 ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
                 for number, labyrinth in zip(ids, block.parsed(), strict=True):
                     held.setdefault(number, labyrinth)
@@ -196,7 +197,7 @@ def load_arrays(
     resize: str = "area",
     revision: str | None = None,
     labyrinths: int | None = None,
-    where: Filter | None = None,
+    where: Expression | None = None,
 ) -> LabyrinthArrays:
     """Return the labyrinths of a split as arrays.
 

@@ -21,10 +21,9 @@ from typing import Annotated, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset, DatasetConfig
 from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
 from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
 from labyrinth_core.evaluation.intervals import interval

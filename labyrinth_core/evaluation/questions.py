@@ -10,11 +10,12 @@ from base64 import b64encode
 from collections.abc import Mapping
 from typing import Any
 
-from labyrinth_core.data.format import Column, Columns
+from labyrinth_core.data import Columns
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
-from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures.style import COLOURS_IN_WORDS
 from labyrinth_core.world import TILES, Action, Labyrinth, Solver
 
 SMALL_PICTURE = 300
@@ -22,30 +23,26 @@ MOST_ROUTES = 1_000
 """The most shortest routes that a question may have; 5x5 without walls has 70."""
 
 
-QUESTION_COLUMNS = Columns(
+QUESTION_COLUMNS = Columns.of(
+    ("labyrinth_id", "string", "hash of the labyrinth, as in the table of labyrinths"),
+    ("image", "Image", "picture of the first state, 600 x 600 RGB, PNG"),
+    ("image_300", "Image", "the same at 300 x 300"),
+    ("text", "string", "drawing of the first state, the agent as @"),
+    ("prompt", "string", "question about the drawing, which is in it"),
+    ("picture_prompt", "string", "question about the picture"),
+    ("image_url", "string", "`image` as a data URL, for tools that take pictures as text"),
     (
-        Column.of("labyrinth_id", "string", "hash of the labyrinth, as in the table of labyrinths"),
-        Column("image", {"_type": "Image"}, "picture of the first state, 600 x 600 RGB, PNG"),
-        Column("image_300", {"_type": "Image"}, "the same at 300 x 300"),
-        Column.of("text", "string", "drawing of the first state, the agent as @"),
-        Column.of("prompt", "string", "question about the drawing, which is in it"),
-        Column.of("picture_prompt", "string", "question about the picture"),
-        Column.of(
-            "image_url", "string", "`image` as a data URL, for tools that take pictures as text"
-        ),
-        Column(
-            "routes",
-            {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
-            "all shortest routes, each as words such as up right",
-        ),
-        Column.of(
-            "answer",
-            "string",
-            "first of `routes`: where two part, up comes before right, down, left",
-        ),
-        Column.of("moves", "int32", "moves of a shortest route"),
-        Column.of("info", "string", "the labyrinth, in the text language that loads it again"),
-    )
+        "routes",
+        {"feature": {"dtype": "string", "_type": "Value"}, "_type": "List"},
+        "all shortest routes, each as words such as up right",
+    ),
+    (
+        "answer",
+        "string",
+        "first of `routes`: where two part, up comes before right, down, left",
+    ),
+    ("moves", "int32", "moves of a shortest route"),
+    ("info", "string", "the labyrinth, in the text language that loads it again"),
 )
 
 _PROMPT = """{shown} Find a shortest route from the agent ({agent}) to the goal ({goal}). \

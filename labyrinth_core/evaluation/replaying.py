@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import ACCURACIES

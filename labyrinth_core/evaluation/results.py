@@ -13,10 +13,9 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File, LocalFile
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
@@ -32,6 +31,7 @@ from labyrinth_core.evaluation.results_form import (
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.language.collection import files_in
 from labyrinth_core.language.source_text import parse_size, printable_line
+from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.version import __version__
 
 COLUMNS = 80

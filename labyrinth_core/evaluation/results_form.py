@@ -13,14 +13,16 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
 from labyrinth_core.evaluation.description import (
     MOST_EPISODES,
+    ConfigName,
     Description,
     Judgement,
     Origin,
+    SplitName,
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import Receipt
@@ -150,7 +152,7 @@ class DatasetName:
 
     source: str
     revision: str | None
-    config: typed.ConfigName
+    config: ConfigName
     fingerprint: typed.Sha256
 
 
@@ -178,8 +180,8 @@ class ResultsFile:
     method: Description
     dataset: DatasetName
     evaluated: Evaluated
-    splits: Mapping[typed.SplitName, Played]
-    baselines: Mapping[_Baseline, Mapping[typed.SplitName, Figures]]
+    splits: Mapping[SplitName, Played]
+    baselines: Mapping[_Baseline, Mapping[SplitName, Figures]]
     run: TrainedRun | None = None
     judged: Judgement | None = None
     policy: Origin | None = None

@@ -20,8 +20,7 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.world import Labyrinth, Labyrinths

@@ -17,12 +17,12 @@ from torch.optim import Optimizer
 from labyrinth_core.evaluation.contract import check_policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.observations import Observations
+from labyrinth_core.learning.spec import OWN, NetworkSpec
 from labyrinth_core.learning.steps import Steps, roll_out
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.spec import OWN, NetworkSpec
 from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8

@@ -15,8 +15,7 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations

@@ -20,12 +20,12 @@ from torch.optim import Adam
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.examples import ExampleSampler
+from labyrinth_core.learning.networks.acting import BATCH, outputs_of
+from labyrinth_core.learning.networks.network import ACTIONS, Network
 from labyrinth_core.learning.observations import Observations, parts_of
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.acting import BATCH, outputs_of
-from labyrinth_core.policies.networks.network import ACTIONS, Network
-from labyrinth_core.policies.spec import NetworkSpec
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -135,7 +135,7 @@ class Learner(ABC):
             width: The number of their columns.
 
         Raises:
-            ConfigError: The policy cannot see labyrinths of that size.
+            PolicyError: The policy cannot see labyrinths of that size.
         """
         return DEFAULT_IMAGE_SIZE
 

@@ -119,6 +119,16 @@ class ObservationSpec:
         """Rows observed in one batch: their pictures take 8 MB, about a processor's cache."""
         return max(1, DRAWN_BYTES // (3 * self.image_size**2))
 
+    def memory(self, rows: int) -> NDArray[np.uint8]:
+        """Return an array for the pictures of a batch, shape (rows, image_size, image_size, 3).
+
+        Batches differ in size by an episode. Their memory has one size, so that a batch is written
+        where one before it was: else the system clears new pages, a quarter of a short epoch.
+        """
+        size = self.image_size
+        capacity = max(rows, self.together * 9 // 8)
+        return np.empty((capacity, size, size, 3), np.uint8)[:rows]
+
     def decoded(
         self, pngs: Iterable[bytes | None], pictures: NDArray[np.uint8] | None = None
     ) -> NDArray[np.uint8]:

@@ -20,7 +20,7 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies import graph_process

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Task, default_open_walls
 from pipeline.config.errors import ConfigError, listed

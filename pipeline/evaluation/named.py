@@ -12,14 +12,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import DETAILS, Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.learning.spec import RECORD
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
-from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by

@@ -8,9 +8,9 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job

@@ -7,10 +7,27 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world import Labyrinth, LabyrinthError, Placer, Solver, Structure
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
+from labyrinth_core.world import Episode, Labyrinth, LabyrinthError, Placer, Solver, Structure
+
+
+class Solution(NamedTuple):
+    """The episodes of one labyrinth, at least one."""
+
+    episodes: list[Episode]
+    shortest: tuple[int, int]
+    """The number of moves of a shortest route, and the number of such routes."""
+
+    @classmethod
+    def of(cls, config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
+        """Return the episodes of a labyrinth in a split, and its shortest routes."""
+        solver = Solver(labyrinth)
+        return cls(Drawing(config).episodes_by(split, solver), solver.moves_and_routes())
+
+    @property
+    def labyrinth(self) -> Labyrinth:
+        """The labyrinth, which all episodes share."""
+        return self.episodes[0].labyrinth
 
 
 def labyrinth_and_parent(

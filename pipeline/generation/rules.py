@@ -5,11 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.splits import SPLITS, Split
+from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.world import Labyrinth, Solver
-from pipeline.generation.labyrinths import NEW_STRUCTURES
+from pipeline.generation.labyrinths import NEW_STRUCTURES, Solution
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
 
@@ -68,14 +66,14 @@ def _relation_problems(
         if replace(labyrinth, look=parent.look) != parent:
             yield f"more than its look differs from its parent in {kind.parent}"
     elif labyrinth.structure.grid_distance(labyrinth.start, labyrinth.goal) < (
-        least := _least_apart(config, kind, parent)
+        least := _least_apart(config, split, parent)
     ):
         yield f"start and goal are less than {least} moves apart"
 
 
-def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
+def _least_apart(config: DatasetConfig, split: str, parent: Labyrinth) -> int:
     """Return the least distance between a changed start and goal, in moves without walls."""
-    least = (config.height + config.width) // 2
+    kind, least = SPLITS[split], (config.height + config.width) // 2
     if kind.new_start and kind.new_goal:
         return least
     # If only one of the two moves, no cell may be that far from the other.

@@ -17,8 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.world import (
     ALGORITHMS,
     Labyrinth,

@@ -10,16 +10,13 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import (
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.language.collection import is_litter
 from pipeline.machinery.artifact import HASHES, Sums, differences, named
 from pipeline.machinery.folders import Completion, completion, remove, within
 from pipeline.machinery.versions import build_versions

@@ -25,15 +25,15 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.storage import (
     AnyPath,
     File,
     LocalFile,
     RemotePath,
 )
-from labyrinth_core.language.collection import is_litter
-from labyrinth_core.language.source_text import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import (
     Place,

@@ -14,8 +14,8 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import (
     AnyPath,
     File,
     LocalFile,

@@ -16,10 +16,9 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job

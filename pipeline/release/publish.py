@@ -18,7 +18,7 @@ from typing import Literal
 from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from labyrinth_core.data import hub
+from labyrinth_core import hub
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter

@@ -6,9 +6,7 @@ from collections.abc import Sequence
 
 import yaml
 
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.language.text import dump
 from labyrinth_core.world import Action

@@ -12,9 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.known import KnownDataset

@@ -17,7 +17,7 @@ from typing import Any
 
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.language.text import SETTINGS_OF
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.pictures.style import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
 from pipeline.config.stage import Job

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import folder_at
+from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import check
@@ -22,7 +21,7 @@ class Available:
     def __init__(self, job: Job[ResultsOptions]) -> None:
         revision = job.options.revision
         check(
-            revision is None or not folder_at(job.source).is_dir(),
+            revision is None or not Dataset.is_folder(job.source),
             f"revision={revision}: {job.source} is a folder, which has no revisions",
         )
         self._job = job

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import TrainedRun, as_compared
 from labyrinth_core.evaluation.results import Results, results_in, submissions_in
 from labyrinth_core.language.source_text import printable_line

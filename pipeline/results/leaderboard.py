@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.description import DETAILS
 from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import plain, table

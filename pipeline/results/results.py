@@ -13,8 +13,8 @@ from pathlib import Path
 
 from rich.table import Column, Table
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import Sums, leave

@@ -16,13 +16,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File, LocalFile
+from labyrinth_core import typed
+from labyrinth_core.data import Dataset, DatasetConfig, Manifest
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.description import is_day
+from labyrinth_core.storage import File, LocalFile
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.versions import build_versions

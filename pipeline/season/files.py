@@ -8,9 +8,9 @@ from pathlib import Path
 from tempfile import gettempdir
 from uuid import uuid4
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File, LocalFile
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.storage import File, LocalFile
 from pipeline.machinery.folders import held, remove
 
 _PREFIX = "labyrinth-season-"

@@ -15,17 +15,16 @@ from math import log, sqrt
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import File
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.description import Description, Judgement
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.memorised import train_of
 from labyrinth_core.evaluation.playing import UnrepeatableError
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
@@ -53,7 +52,7 @@ class _Row:
     commit: typed.Commit | None
     files: Mapping[typed.Word, typed.Sha256]
     versions: Mapping[typed.Word, typed.Version]
-    figures: Mapping[typed.SplitName, _Figures]
+    figures: Mapping[Annotated[str, typed.Like("|".join(SPLITS))], _Figures]
     results_sha256: typed.Sha256
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say

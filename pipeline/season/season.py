@@ -6,8 +6,8 @@ import os
 from dataclasses import replace
 from pathlib import Path
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import (
     File,
     LocalFile,
 )

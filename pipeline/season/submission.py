@@ -13,12 +13,12 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.learning.spec import GRAPH
 from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
 from labyrinth_core.policies.opening import PolicyNameError, files_of
-from labyrinth_core.policies.spec import GRAPH
 from labyrinth_core.world import Task
 from pipeline.season.files import private_folder, require_regular
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import Learner
-from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from pipeline.config.errors import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress

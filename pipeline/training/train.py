@@ -18,22 +18,17 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import Player, Policy
 from labyrinth_core.evaluation.description import FRESH
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import step_through, success_rate
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.network import usual_defaults
 from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.steps import Steps, load_steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.network import usual_defaults
-from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.spec import (
     CONFIG,
     ENCODERS,
     OWN,
@@ -41,6 +36,11 @@ from labyrinth_core.policies.spec import (
     WEIGHTS,
     PolicySpec,
 )
+from labyrinth_core.learning.steps import Steps, load_steps
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.record import read_run
+from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
@@ -56,7 +56,7 @@ from pipeline.training.identity import (
     without_place,
 )
 from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 

@@ -9,8 +9,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
+from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth
 from support.tampering import manifest_of
 

@@ -21,10 +21,10 @@ from PIL import Image
 from labyrinth_core.data.datasets import Dataset
 from labyrinth_core.data.format import COLUMNS
 from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls

@@ -20,7 +20,8 @@ from labyrinth_core import (
     stream_episodes,
 )
 from labyrinth_core.data import rows
-from labyrinth_core.data.manifest import Manifest, table_groups
+from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data.table import table_groups
 
 REPLACED = r"\A[^\n]*3x3 was replaced or grew while it was read: run this again\Z"
 

@@ -13,12 +13,11 @@ from hypothesis import strategies as st
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
-from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core import PolicyError, compare, dump, evaluate, hub, load_arrays
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env import LabyrinthEnv
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import playing
 from labyrinth_core.evaluation.answers import Player
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures

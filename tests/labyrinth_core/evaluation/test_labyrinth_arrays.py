@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.pictures import looks, observations

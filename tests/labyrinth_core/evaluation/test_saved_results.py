@@ -16,8 +16,8 @@ from support.policies import Rounds
 from support.submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 
 from labyrinth_core import memorised
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.results import Results, results_in

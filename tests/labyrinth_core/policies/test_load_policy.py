@@ -33,12 +33,10 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
-from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import fitted
-from labyrinth_core.policies.load import MOST_BYTES
-from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
-from labyrinth_core.policies.networks.mapping import MapperPolicy
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
+from labyrinth_core.learning.networks.mapping import MapperPolicy
+from labyrinth_core.learning.spec import (
     CONFIG,
     WEIGHTS,
     MapperSpec,
@@ -46,7 +44,9 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 from labyrinth_core.world import Task
 
 torch.set_num_threads(1)

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
-from labyrinth_core.policies.networks.slots import (
+from labyrinth_core.learning.networks.slots import (
     Slots,
 )
+from labyrinth_core.pictures.renderer import Style, render
+from labyrinth_core.pictures.style import DEFAULT_STYLE
 from labyrinth_core.world import Labyrinth, State, Task, sample_labyrinth
 
 RNG = np.random.default_rng(0)

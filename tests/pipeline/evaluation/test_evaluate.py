@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays

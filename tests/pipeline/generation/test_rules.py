@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from support.making import run_of
 
-from labyrinth_core.data.drawing import Solution
 from labyrinth_core.world import Action, Labyrinth, Structure, Task
+from pipeline.generation.labyrinths import Solution
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 

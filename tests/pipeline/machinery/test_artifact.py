@@ -20,15 +20,15 @@ from support.crashing import CrashError, killed_before
 from support.renaming import ERRORS, no_folder_is_renamed
 from support.tampering import content_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import (
     AnyPath,
     File,
     LocalFile,
     RemotePath,
     folder_at,
 )
-from labyrinth_core.language.collection import is_litter
 from pipeline.machinery import artifact
 from pipeline.machinery.artifact import HASHES, Sums, leave, produced
 

@@ -24,13 +24,13 @@ from support.composing import composed
 from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
 from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.splits import SPLITS, is_of_train
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.pictures.style import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import front_matter

@@ -28,8 +28,8 @@ from support.publishing import (
 from support.submitted import of_few
 
 from labyrinth_core import evaluate, load_policy, memorised
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
 from pipeline.evaluation import evaluate as evaluate_stage

@@ -16,9 +16,9 @@ from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.errors import DatasetError
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
 from pipeline.machinery.artifact import HASHES

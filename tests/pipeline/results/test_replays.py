@@ -18,7 +18,7 @@ from labyrinth_core import Dataset, evaluate, open_policy
 from labyrinth_core.evaluation.description import Description
 from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.replaying import require_replay
-from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from pipeline.results import results as stage
 from pipeline.results.options import CheckOptions
 from pipeline.results.results import RefusedError

@@ -13,10 +13,10 @@ import pytest
 from rich.console import Console
 from support.submitted import forgetful, keep, of_run, results_of
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.results import Results
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say_once
 from pipeline.results import results as stage

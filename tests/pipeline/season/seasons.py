@@ -10,7 +10,7 @@ import pytest
 from support.making import perform
 from support.policies import RELEASED
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
 from pipeline.season.commitment import Place
 from pipeline.season.options import SeasonOptions

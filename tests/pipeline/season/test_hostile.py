@@ -16,9 +16,9 @@ from seasons import Performer
 from support.graphs import linear
 from support.policies import RELEASED, lay_out_run
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.policies.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.learning.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.season import judge, submission
 from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Place, Season

@@ -29,7 +29,7 @@ from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 VECTORS = ObservationSpec("vector", 64)
 

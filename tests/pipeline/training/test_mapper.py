@@ -16,23 +16,23 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.evaluation.answers import Player, PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import attempts, step_through
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import mapper
+from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
+from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
+from labyrinth_core.learning.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
-from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.policies.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
+from labyrinth_core.pictures.renderer import Style, render
+from labyrinth_core.pictures.style import RECOLOURED
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
-from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
-from pipeline.training.methods import mapper
 
 pytestmark = pytest.mark.slow
 
@@ -270,5 +270,5 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
 @pytest.mark.parametrize("task", [task for task in Task if task is not Task.NAVIGATION])
 def test_other_tasks_are_refused(task: Task) -> None:
     spec = NetworkSpec("mapper", 3, 3, str(task))
-    with pytest.raises(ConfigError, match=f"^task={task}: method=mapper supports only"):
+    with pytest.raises(PolicyError, match=f"^task={task}: method=mapper supports only"):
         mapper.Method.make(spec, settings_of("mapper"))

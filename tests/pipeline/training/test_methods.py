@@ -14,12 +14,12 @@ from torch import nn
 
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.looks import Looks
-from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import METHODS
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 pytestmark = pytest.mark.slow
 

@@ -16,19 +16,19 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
 from labyrinth_core.evaluation.playing import success_rate
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import bc, planner
+from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.planning import FAR, Bellman
+from labyrinth_core.learning.spec import WEIGHTS, NetworkSpec
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import WEIGHTS, NetworkSpec
 from labyrinth_core.world import Labyrinth, Look, State, Structure
-from pipeline.config.errors import ConfigError
 from pipeline.training.checkpoint import read_policy
-from pipeline.training.methods import bc, planner
 
 pytestmark = pytest.mark.slow
 
@@ -160,10 +160,10 @@ def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_ref
     assert planner.Method.image_size(spec, settings, 5, 5) == 64
     assert planner.Method.image_size(spec, settings, 10, 10) == 128
     refused = r"\Asize=4x6: method\.grid_prior=true needs as many rows .*method.grid_prior=false\Z"
-    with pytest.raises(ConfigError, match=refused):
+    with pytest.raises(PolicyError, match=refused):
         planner.Method.image_size(spec, settings, 4, 6)
     oblong = NetworkSpec("planner", 4, 6, "navigation")
-    with pytest.raises(ConfigError, match=refused):
+    with pytest.raises(PolicyError, match=refused):
         planner.Method.make(oblong, settings)
     freely = settings_of("planner", grid_prior=False, colour_prior=False)
     assert planner.Method.image_size(spec, freely, 4, 6) == 77

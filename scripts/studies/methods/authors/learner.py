@@ -19,10 +19,10 @@ from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Episodes, play
 from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.networks.acting import BATCH
+from labyrinth_core.learning.networks.network import ACTIONS
 from labyrinth_core.learning.observations import parts_of
 from labyrinth_core.learning.steps import Steps, draw
-from labyrinth_core.policies.networks.acting import BATCH
-from labyrinth_core.policies.networks.network import ACTIONS
 
 VISITS = 5
 """An episode is cut when the agent returns to a state in which it has acted this many times."""

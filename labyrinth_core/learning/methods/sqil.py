@@ -32,8 +32,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.networks.network import ACTIONS, double
 from labyrinth_core.learning.steps import roll_out, settle, softmax
-from labyrinth_core.policies.networks.network import ACTIONS, double
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The mapper: learns what moves, what actions do and where demonstrations end, and plans.
 
-Its network is in `labyrinth_core.policies.networks.mapping`, which also says what it is given.
+Its network is in `labyrinth_core.learning.networks.mapping`, which also says what it is given.
 
 Like BCO (Torabi et al. 2018), the mapper learns what actions do from transitions (s, a, s') of a
 random policy, and also of the demonstrations; unlike BCO, it learns a forward model. Like universal
@@ -32,23 +32,22 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import Policy
+from labyrinth_core.evaluation.answers import Policy, PolicyError
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
-from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
-from labyrinth_core.policies.networks.mapping import AROUND, Mapper, MapperPolicy
-from labyrinth_core.policies.networks.slots import (
+from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
+from labyrinth_core.learning.networks.mapping import AROUND, Mapper, MapperPolicy
+from labyrinth_core.learning.networks.slots import (
     Scene,
     Slots,
     Surroundings,
     masks_of,
     places_of,
 )
-from labyrinth_core.policies.spec import MapperSpec, NetworkSpec
+from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
+from labyrinth_core.learning.steps import Steps
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.world import Task
-from pipeline.config.errors import check
 
 
 @dataclass(frozen=True)
@@ -108,10 +107,8 @@ class Method(Learner):
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:
-        check(
-            spec.task == Task.NAVIGATION,
-            f"task={spec.task}: method=mapper supports only task=navigation",
-        )
+        if spec.task != Task.NAVIGATION:
+            raise PolicyError(f"task={spec.task}: method=mapper supports only task=navigation")
         return make_network(spec, own=settings)
 
     @classmethod

@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.networks.network import ACTIONS, double
 from labyrinth_core.learning.steps import roll_out, softmax
-from labyrinth_core.policies.networks.network import ACTIONS, double
 
 
 @dataclass(frozen=True)

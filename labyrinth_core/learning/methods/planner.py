@@ -1,6 +1,6 @@
 """The planner: learns the costs of steps from pictures, and plans with them.
 
-Its network is in `labyrinth_core.policies.networks.planning`.
+Its network is in `labyrinth_core.learning.networks.planning`.
 
 The planner builds on value iteration networks (Tamar et al. 2016), which plan inside a network that
 is trained by imitation, and on value propagation (Nardelli et al. 2019), which learns where values
@@ -41,13 +41,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torch.optim import Adam
 
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.learning.examples import NO_LABEL
+from labyrinth_core.learning.methods import bc
+from labyrinth_core.learning.networks.acting import make_network
+from labyrinth_core.learning.networks.planning import Planner
+from labyrinth_core.learning.spec import NetworkSpec, PlannerSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.acting import make_network
-from labyrinth_core.policies.networks.planning import Planner
-from labyrinth_core.policies.spec import NetworkSpec, PlannerSpec
-from pipeline.config.errors import ConfigError, check
-from pipeline.training.methods import bc
 
 RISE, FALL = 0.05, 0.5
 """The shares of training, at its start and end, in which the learning rate rises and falls."""
@@ -83,7 +83,7 @@ class Method(bc.Method):
         try:
             settings.require_bounded(settings.average)
         except ValueError as error:
-            raise ConfigError(f"method.{error}") from error
+            raise PolicyError(f"method.{error}") from None
         return make_network(spec, average=settings.average, own=settings)
 
     @classmethod
@@ -114,8 +114,8 @@ class Method(bc.Method):
 
 
 def _require_square(settings: Any, height: int, width: int) -> None:
-    check(
-        height == width or not settings.grid_prior,
-        f"size={height}x{width}: method.grid_prior=true needs as many rows as columns; give "
-        "method.grid_prior=false",
-    )
+    if height != width and settings.grid_prior:
+        raise PolicyError(
+            f"size={height}x{width}: method.grid_prior=true needs as many rows as columns; give "
+            "method.grid_prior=false"
+        )

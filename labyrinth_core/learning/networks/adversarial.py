@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-from labyrinth_core.policies.networks.network import (
+from labyrinth_core.learning.networks.network import (
     ACTIONS,
     SLOPE,
     WIDTH,
@@ -14,7 +14,7 @@ from labyrinth_core.policies.networks.network import (
     Network,
     as_input,
 )
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.learning.spec import NetworkSpec
 
 
 class Discriminator(nn.Module):

@@ -17,12 +17,13 @@ from typing import Any
 from torch import Tensor, nn
 from torch.nn import functional
 
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation.answers import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
-from labyrinth_core.policies.networks.acting import make_network
-from labyrinth_core.policies.networks.symmetry import transform_examples
-from labyrinth_core.policies.spec import NetworkSpec
-from pipeline.config.errors import check
+from labyrinth_core.learning.networks.acting import make_network
+from labyrinth_core.learning.networks.symmetry import transform_examples
+from labyrinth_core.learning.spec import NetworkSpec
 
 
 @dataclass(frozen=True)
@@ -50,10 +51,10 @@ class Method(Learner):
     def __init__(self, problem: Problem, settings: Any) -> None:
         super().__init__(problem, settings)
         for name in ("augment", "average"):
-            check(
-                problem.spec.encoder != "mlp" or not getattr(settings, name),
-                f"method.{name} transforms pictures: leave it out with encoder=mlp",
-            )
+            if problem.spec.encoder == "mlp" and getattr(settings, name):
+                raise PolicyError(
+                    f"method.{name} transforms pictures: leave it out with encoder=mlp"
+                )
         if settings.relabel:
             require_shortest(problem.arrays)
 
@@ -94,14 +95,14 @@ class Method(Learner):
 
 
 def require_shortest(arrays: LabyrinthArrays) -> None:
-    """Raise a ConfigError unless all demonstrated routes are shortest.
+    """Raise a DatasetError unless all demonstrated routes are shortest.
 
     A part of a longer route need not be a shortest route between its ends.
     """
     longer = int(arrays.demonstrated[~arrays.optimal].sum())
-    check(
-        not longer,
-        f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
-        f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
-        "method.relabel=false",
-    )
+    if longer:
+        raise DatasetError(
+            f"method.relabel=true: demonstrated routes have to be shortest, but {longer} of "
+            f"{arrays.demonstrated.sum()} demonstrated actions are not on a shortest route; give "
+            "method.relabel=false"
+        )

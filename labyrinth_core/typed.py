@@ -14,8 +14,6 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.source_text import printable_line
 
 MOST = 10**15
@@ -54,8 +52,6 @@ Commit = Annotated[str, Like("[0-9a-f]{40}")]
 Learnt = Positive | Annotated[str, Like("fresh")] | None
 """The number of labyrinths learnt from: None for all, `fresh` for new ones in each epoch."""
 Seed = Annotated[int, Within(0, 2**64 - 1)]
-ConfigName = Annotated[str, Like(DatasetConfig.NAME.pattern)]
-SplitName = Annotated[str, Like("|".join(SPLITS))]
 LabyrinthId = Annotated[str, Like("[0-7][0-9a-f]{15}")]
 
 

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, fields
 from math import inf
 from typing import Any, TypedDict, TypeVar
 
-from labyrinth_core.data import typed
+from labyrinth_core import typed
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world import SIDES, Task

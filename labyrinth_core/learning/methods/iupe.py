@@ -29,8 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.methods import bco
 from labyrinth_core.learning.steps import draw, roll_out, softmax
-from pipeline.training.methods import bco
 
 
 @dataclass(frozen=True)

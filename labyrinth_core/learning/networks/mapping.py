@@ -34,9 +34,8 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.network import ACTIONS, double
-from labyrinth_core.policies.networks.slots import (
+from labyrinth_core.learning.networks.network import ACTIONS, double
+from labyrinth_core.learning.networks.slots import (
     CELL,
     Slots,
     Surroundings,
@@ -44,7 +43,8 @@ from labyrinth_core.policies.networks.slots import (
     patches_of,
     places_of,
 )
-from labyrinth_core.policies.spec import MapperSpec
+from labyrinth_core.learning.spec import MapperSpec
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.world import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))

@@ -38,7 +38,7 @@ def find(
         method, settings = _of_user(name)
     else:
         check(name in METHODS, f"method={name}: choose one of {listed(METHODS)}")
-        module = import_module(f"pipeline.training.methods.{name}")
+        module = import_module(f"labyrinth_core.learning.methods.{name}")
         method, settings = module.Method, module.Settings
     allowed = [method.protocol] if method.protocol else ["default", "paper"]
     supported = f"method={name} supports only {' or '.join(allowed)}"

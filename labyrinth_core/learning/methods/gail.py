@@ -35,9 +35,9 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.networks.adversarial import ActorCritic, Discriminator
+from labyrinth_core.learning.networks.network import ACTIONS, Network, double
 from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
-from labyrinth_core.policies.networks.adversarial import ActorCritic, Discriminator
-from labyrinth_core.policies.networks.network import ACTIONS, Network, double
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""

@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NoReturn, cast
 from uuid import uuid4
 
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 
 def folder_at(place: str | Path) -> AnyPath:
@@ -58,9 +58,9 @@ def _filesystem(protocol: str) -> Any:
     import fsspec
 
     if protocol == "hf":
-        from labyrinth_core.data.hub import prepare_client
+        from labyrinth_core import hub
 
-        prepare_client()
+        hub.prepare_client()
     # A cached listing would hide what other processes write.
     return fsspec.filesystem(protocol, use_listings_cache=False)
 
@@ -95,13 +95,13 @@ class RemotePath:
             place = store._strip_protocol(self.url)
             if not self.url.startswith("hf://"):
                 return question(store, place)
-            from labyrinth_core.data.hub import repeated
+            from labyrinth_core import hub
 
             try:
-                return repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, place))
             except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
                 store.invalidate_cache()
-                return repeated(lambda: question(store, place))
+                return hub.repeated(lambda: question(store, place))
         except FileNotFoundError:
             raise
         except Exception as error:  # Each store has errors of its own, such as botocore's.

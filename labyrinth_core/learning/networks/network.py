@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.world import Action, Task
 
 ACTIONS = len(Action)

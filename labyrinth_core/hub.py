@@ -36,7 +36,7 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 from huggingface_hub.file_download import repo_folder_name
 from huggingface_hub.utils import hf_raise_for_status  # type: ignore[attr-defined]
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 
 VARIABLE, SECONDS = "LABYRINTH_HUB_SECONDS", "60"
 """Environment variable for the seconds without a byte after which a call fails; its default."""
@@ -52,6 +52,11 @@ LONGEST = 90.0
 _repeating = ContextVar("repeating", default=False)
 """Whether `repeated` makes the calls of this thread, so that the client must not retry them."""
 
+FAILED = (*UNAVAILABLE, *MALFORMED)
+"""The client's errors, also for answers that it cannot read."""
+
+ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+"""The ids of repositories."""
 COMMIT = re.compile(r"[0-9a-f]{40}")
 _CACHED = re.compile(r"(model|dataset)s--([^/]+)--([^/]+)/snapshots/([0-9a-f]{40})/(.+)")
 """The path of a file in the client's cache."""
@@ -144,7 +149,7 @@ def repeated(call: Callable[[], Result]) -> Result:
                 return call()
             except DatasetError:
                 raise
-            except (*UNAVAILABLE, *MALFORMED) as error:
+            except FAILED as error:
                 wait, tried = seconds_to_wait(error), time.monotonic() - begun
                 if wait is None or tried + max(pause, wait) > LONGEST:
                     failed = _readable(error)
@@ -229,6 +234,16 @@ def reason_of(error: Exception) -> str:
         message = getattr(cause, "server_message", None) or one_line(cause)
         told = f"the Hub answers {status}: {message.partition(' For more information')[0]}"
     return " ".join([f"{told:.300}", *(f"({note})" for note in getattr(error, "__notes__", ()))])
+
+
+def why_unavailable(source: str, error: Exception) -> str:
+    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
+    file = error.filename if isinstance(error, OSError) else None
+    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
+        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
+    if Path(source).is_dir():
+        return f"{source} cannot be read"
+    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
 
 
 def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
