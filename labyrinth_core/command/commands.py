@@ -24,7 +24,7 @@ from labyrinth_core.language.source_text import (
     read_text,
 )
 from labyrinth_core.language.text import dump, parse, parse_sketch
-from labyrinth_core.pictures.animation import frames_of, gif
+from labyrinth_core.pictures.animation import animate
 from labyrinth_core.pictures.renderer import Painter, render
 from labyrinth_core.pictures.style import MAX_PICTURED_SIDE
 from labyrinth_core.storage import File, LocalFile
@@ -157,7 +157,7 @@ def _moving_picture(labyrinth: Labyrinth) -> bytes:
     """Return a GIF file that shows a shortest route."""
     _pictured_side(labyrinth)
     try:
-        return gif([frames_of(_optimal(labyrinth))])
+        return animate(_optimal(labyrinth))
     except ImportError as error:
         raise RequestError("a GIF file needs Pillow: pip install pillow") from error
 

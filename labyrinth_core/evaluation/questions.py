@@ -13,7 +13,7 @@ from typing import Any
 from labyrinth_core.data import Columns
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
+from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.style import COLOURS_IN_WORDS
 from labyrinth_core.world import TILES, Action, Labyrinth, Solver
@@ -92,7 +92,7 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
     routes = [" ".join(words[move] for move in route) for route in solver.shortest_routes()]
     state, painter = labyrinth.initial, Painter(labyrinth)
     large, drawing = painter.png(state), draw_text(labyrinth, state)
-    small = encode(strips_in(painter.array(state, SMALL_PICTURE)), SMALL_PICTURE)
+    small = painter.png(state, SMALL_PICTURE)
     return {
         "labyrinth_id": name,
         "image": {"bytes": large, "path": f"{name}-{PICTURE_SIZE}.png"},

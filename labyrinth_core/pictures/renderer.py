@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
+from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode, strips_in
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.pictures.style import Colour, Style, style_for, usual_wall_pixels
 from labyrinth_core.world import TILES, Labyrinth, State
@@ -70,9 +70,15 @@ class Painter:
         # The strips above the lowest row of cells: all other rows, their walls, perhaps a margin.
         self._lowest = 2 * structure.height - 1 + (self._grid.top > 0)
 
-    def png(self, state: State) -> bytes:
-        """Return the picture of a state as a PNG file of `PICTURE_SIZE`."""
-        return encode(self.strips(state), PICTURE_SIZE)
+    def png(self, state: State, image_size: int = PICTURE_SIZE) -> bytes:
+        """Return the picture of a state as a PNG file.
+
+        Raises:
+            ValueError: `image_size` is not an integer from 1 to `PICTURE_SIZE`.
+        """
+        if image_size == PICTURE_SIZE:
+            return encode(self.strips(state), PICTURE_SIZE)
+        return encode(strips_in(self.array(state, image_size)), image_size)
 
     def array(self, state: State, image_size: int = PICTURE_SIZE) -> NDArray[np.uint8]:
         """Return the picture of a state, shape (image_size, image_size, 3).

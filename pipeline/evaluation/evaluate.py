@@ -19,7 +19,7 @@ from labyrinth_core.evaluation.evaluate import Evaluation
 from labyrinth_core.evaluation.playing import attempts
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.pictures.animation import animate
 from labyrinth_core.world import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
@@ -118,6 +118,6 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     for episode in attempts(shown.player, shown.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
-        picture = gif([beside(frames_of(episode), frames_of(optimal))])
+        picture = animate(episode, optimal)
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures
