@@ -14,6 +14,8 @@ from functools import cache
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
+import numpy as np
+
 from labyrinth_core.language.source_text import printable_line
 
 MOST = 10**15
@@ -37,6 +39,15 @@ class Like:
     pattern: str
 
 
+MOST_EPISODES = 1_000
+"""The largest number of episodes in each labyrinth."""
+
+CONTROLS = 10, 10_000
+"""The smallest and the largest number of control training sets of a receipt."""
+
+MOST_SEED = 2**64 - 1
+"""The largest seed, of a dataset and of a policy."""
+
 Count = Annotated[int, Within(0)]
 Positive = Annotated[int, Within(1)]
 Share = Annotated[float, Within(0, 1 + 1e-9)]
@@ -51,8 +62,19 @@ Address = Annotated[str, Like("(?s).{1,300}")]
 Commit = Annotated[str, Like("[0-9a-f]{40}")]
 Learnt = Positive | Annotated[str, Like("fresh")] | None
 """The number of labyrinths learnt from: None for all, `fresh` for new ones in each epoch."""
-Seed = Annotated[int, Within(0, 2**64 - 1)]
+Seed = Annotated[int, Within(0, MOST_SEED)]
 LabyrinthId = Annotated[str, Like("[0-7][0-9a-f]{15}")]
+
+
+_DAY = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
+
+
+def is_day(text: str) -> bool:
+    """Return whether a text is a day such as 2026-11-30."""
+    try:
+        return _DAY.fullmatch(text) is not None and not np.isnat(np.datetime64(text))
+    except ValueError:
+        return False
 
 
 class _UnfitError(ValueError):
@@ -190,8 +212,9 @@ def _entries(name: Any, of: Any) -> Reader:
 
 def _fields(kind: Any) -> Reader:
     """Return a reader of an object with certain names: a dataclass or a TypedDict."""
-    readers = {n: _reader(of) for n, of in get_type_hints(kind, include_extras=True).items()}
-    closed = is_dataclass(kind)
+    closed, hints = is_dataclass(kind), get_type_hints(kind, include_extras=True)
+    names = [each.name for each in fields(kind)] if closed else hints
+    readers = {name: _reader(hints[name]) for name in names}
     optional = {
         each.name
         for each in (fields(kind) if closed else ())

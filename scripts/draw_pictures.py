@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from labyrinth_core.pictures.animation import animate
+from labyrinth_core.pictures import animate
 from labyrinth_core.world import Episode, Placer, Solver, Structure, Task
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build

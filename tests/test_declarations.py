@@ -20,15 +20,15 @@ from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
 from labyrinth_core import Dataset
-from labyrinth_core.data.format import COLUMNS, OTHERS
+from labyrinth_core.data import COLUMNS, SPLITS
+from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env.observation import PLAYED
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
+from labyrinth_core.pictures import COLOURS_IN_WORDS
 from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.renderer import Style
-from labyrinth_core.pictures.style import COLOURS_IN_WORDS
 from labyrinth_core.world import TILES, Labyrinth, Look, Solver, Task, sample_labyrinth
 from labyrinth_core.world.tasks import PLACEMENTS
 from pipeline.generation.labyrinths import NEW_STRUCTURES

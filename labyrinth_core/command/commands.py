@@ -24,9 +24,7 @@ from labyrinth_core.language.source_text import (
     read_text,
 )
 from labyrinth_core.language.text import dump, parse, parse_sketch
-from labyrinth_core.pictures.animation import animate
-from labyrinth_core.pictures.renderer import Painter, render
-from labyrinth_core.pictures.style import MAX_PICTURED_SIDE
+from labyrinth_core.pictures import MAX_PICTURED_SIDE, Painter, animate, render
 from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.world import (
     ALGORITHMS,

@@ -34,8 +34,7 @@ from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 
 
 class Transition(NamedTuple):

@@ -89,6 +89,9 @@ class Splits(dict[str, Split]):
     evaluated = ("train", "validation", "test", "s0", "s0_and_g")
     """The splits on which a trained policy is evaluated."""
 
+    not_evaluated = ("random",)
+    """The splits with another policy's episodes, in labyrinths of another split."""
+
     @property
     def shifts(self) -> tuple[str, ...]:
         """The splits that a dataset may add, in the order in which a dataset has them."""

@@ -11,12 +11,12 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
-from labyrinth_core.pictures.observations import BOUNDED, ObservationSpec
+from labyrinth_core.pictures import OBSERVATIONS, ObservationSpec
 from labyrinth_core.world import Labyrinth, Task
 
 Kind = str
 """One of `PLAYED`."""
-PLAYED = (*BOUNDED, "state")
+PLAYED = (*(name for name in OBSERVATIONS if ObservationSpec(name).is_bounded), "state")
 """The observations of environments; `state` is the index of the state."""
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64

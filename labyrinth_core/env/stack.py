@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.many import dump_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.vector import VectorLayout
+from labyrinth_core.pictures import VectorLayout
 from labyrinth_core.world import Labyrinth, Look, Structures, Tables, Task, seen_together
 
 

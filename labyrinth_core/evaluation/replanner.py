@@ -11,15 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player, PolicyError
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.baselines import REPLANNERS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import step_through
-from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.pictures.vector import VectorLayout
+from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.pictures import VectorLayout
 from labyrinth_core.world import Action, Structure, Task, seen_together
-
-REPLANNERS = ("replanner", "without memory")
-"""The names of the replanner's figures, with memory and without."""
 
 
 class Replanner:
@@ -100,6 +98,6 @@ def replan(arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
     with_memory, without = (
         Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)
     )
-    stepped = step_through(Player.of(with_memory, 0), arrays, 1)
-    scores = Scores.of(stepped, arrays), score(without.act, arrays)
+    stepped = Player.of(with_memory).step_through(arrays, 1)
+    scores = Scores.of(stepped, arrays), Player.of(without.act).score(arrays)
     return {name: each.summary() for name, each in zip(REPLANNERS, scores, strict=True)}

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth, Labyrinths
 
 FIRST_SEED = 2**62
@@ -85,8 +85,8 @@ class Demonstrated:
                 for episode in Drawing(config).episodes("train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
-                        place = train, number, labyrinth.state_index(state)
-                        taken.setdefault(place, [0, 0, 0, 0])[action] += 1
+                        key = train, number, labyrinth.state_index(state)
+                        taken.setdefault(key, [0, 0, 0, 0])[action] += 1
                 number += 1
         counts = np.array([*taken.values()], np.float32)
         shares = counts / counts.sum(axis=1, keepdims=True)

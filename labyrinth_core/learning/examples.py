@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.world import Episode, Labyrinth, State
 
 NO_LABEL = -1

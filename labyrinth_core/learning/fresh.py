@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import DatasetConfig, Drawing
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth
 
 RENEWING = 3

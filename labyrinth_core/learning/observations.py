@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures import Looks
 
 
 class Observations:

@@ -12,7 +12,7 @@ from typing import Any, TypedDict, TypeVar
 
 from labyrinth_core import typed
 from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world import SIDES, Task
 
 CONFIG = "config.json"
@@ -158,7 +158,7 @@ class PolicySpec:
 
     def require_fit(self, height: int, width: int, task: Task) -> None:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
-        from labyrinth_core.evaluation.answers import PolicyError
+        from labyrinth_core.evaluation import PolicyError
 
         network, shape = self.network, f"{height}x{width}"
         if self.observation == "vector":
@@ -212,7 +212,7 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.pictures.observations import RESIZES
+        from labyrinth_core.pictures import RESIZES
 
         content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")

@@ -50,8 +50,6 @@ KINDS = {
 """Name -> kind. Pictures, which also depend on options, are drawn by `scenes`."""
 
 OBSERVATIONS = ("image", *KINDS)
-BOUNDED = ("image", *(name for name, kind in KINDS.items() if kind.bounds))
-"""The observations that environments offer, which are arrays with bounds."""
 
 RESIZES = {
     "area": (None, "area"),
@@ -101,13 +99,18 @@ class ObservationSpec:
             raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
 
     def bounds(self, height: int, width: int, task: Task) -> tuple[NDArray[Any], NDArray[Any]]:
-        """Return the least and the greatest value of each entry, for one of `BOUNDED`."""
+        """Return the least and the greatest value of each entry, if `is_bounded`."""
         if self.observation == "image":
             shape = self.image_size, self.image_size, 3
             return np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
         bounds = KINDS[self.observation].bounds
         assert bounds is not None
         return bounds(VectorLayout(height, width, task))
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the observation is an array with bounds, as environments need."""
+        return self.observation == "image" or KINDS[self.observation].bounds is not None
 
     @property
     def key(self) -> tuple[Any, ...]:

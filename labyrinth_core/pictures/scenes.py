@@ -278,12 +278,19 @@ def _fill(
     order = scene.argsort(kind="stable")
     ascending = scene[order]
     for first, some in backdrops:
+        if not first and len(some) > ascending[-1]:  # All scenes are here: no order is needed.
+            some.draw(pictures, scene, agents, with_key)
+            return
         part = slice(*np.searchsorted(ascending, [first, first + len(some)]))
         places = order[part]
         if not len(places):
             continue
         in_order = (np.diff(places) == 1).all()
-        drawn = pictures[places[0] :][: len(places)] if in_order else pictures[places]
+        drawn = (
+            pictures[places[0] :][: len(places)]
+            if in_order
+            else np.empty((len(places), *pictures.shape[1:]), np.uint8)
+        )
         some.draw(drawn, ascending[part] - first, agents[places], with_key[places])
         if not in_order:
             pictures[places] = drawn

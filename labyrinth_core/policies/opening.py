@@ -16,8 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError, asked
-from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.evaluation import Origin, PolicyError
 from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run
@@ -107,8 +106,8 @@ is a class or a function without required arguments |
         if not code or revision is not None:
             told = "has no revision" if code else "is not executed"
             raise PolicyNameError(f"{name}: a policy in Python {told}")
-        found = imported(name, lambda module: asked(import_module, module))
-        return asked(found) if _makes_one(found) else found
+        found = imported(name, lambda module: PolicyError.calling(import_module, module))
+        return PolicyError.calling(found) if _makes_one(found) else found
     files = files_of(source, revision)
     origin = files.origin()
     policy = files.open(name)

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypedDict
 from labyrinth_core import typed
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.evaluation.description import TrainedRun, Training
+from labyrinth_core.evaluation import TrainedRun, Training
 from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.storage import File
 from labyrinth_core.version import __version__

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data import DatasetConfig
-from labyrinth_core.evaluation.description import FRESH, RunName
+from labyrinth_core.evaluation import RunName
 from labyrinth_core.learning.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import check_options, option
@@ -64,7 +64,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "number of labyrinths to learn from, the first ones of train (all), or fresh for new ones "
         "in each epoch",
         at_least=1,
-        one_of=(FRESH,),
+        one_of=(RunName.FRESH,),
     )
     device: str = option(
         "auto",
@@ -146,7 +146,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
 
     def check_observation(self) -> None:
         """Raise a ConfigError if the library has no such observation."""
-        from labyrinth_core.pictures.observations import OBSERVATIONS
+        from labyrinth_core.pictures import OBSERVATIONS
 
         seen = self.observation
         check(seen in OBSERVATIONS, f"observation={seen}: choose one of {listed(OBSERVATIONS)}")

@@ -10,12 +10,10 @@ from typing import Any
 
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
 from labyrinth_core.learning.networks.network import usual_defaults
 from labyrinth_core.learning.spec import WEIGHTS, PolicySpec
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.policies.opening import open_policy
 from labyrinth_core.policies.record import read_run, trained_run
 from pipeline.config.stage import Job

@@ -9,7 +9,7 @@ from typing import Any
 
 from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
+from labyrinth_core.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.versions import build_versions

@@ -10,7 +10,7 @@ from string import Template
 import yaml
 
 from labyrinth_core.data import DatasetConfig, Manifest
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.questions import QUESTION_COLUMNS
 from pipeline.inspection.companions import Companion
 from pipeline.machinery.markdown import meanings
 from pipeline.questions.check import question_problems

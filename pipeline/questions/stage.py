@@ -12,7 +12,7 @@ from itertools import islice
 from typing import Any
 
 from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job

@@ -15,13 +15,12 @@ from typing import Any
 
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
 from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums
 from pipeline.machinery.markdown import table
+from pipeline.machinery.sums import Sums
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph
@@ -197,7 +196,7 @@ def stage_environment(
         manifest: The manifest of that dataset.
     """
     dataset, _ = job.options.dataset_on_hub
-    splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
+    splits = [split for split in manifest.config.splits if split not in SPLITS.not_evaluated]
     # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
     File(folder / "env.py").write_text(fill("env.txt", **values, commit=repr(commit)))

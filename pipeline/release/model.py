@@ -13,10 +13,7 @@ from huggingface_hub import EvalResult, ModelCardData
 
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import KnownDataset, Results, TrainedRun
 from labyrinth_core.learning.spec import (
     CONFIG,
     RECORD,
@@ -201,7 +198,7 @@ def _card(trained: Trained) -> str:
         low=low,
         high=high,
         labyrinths=f"{len(test.distance):,}",
-        why=Scores.WHY_SPL,
+        why=Results.WHY_SPL,
         model=options.model,
         version=options.version,
         revision=trained.revision,

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import yaml
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
-from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language.text import dump
 from labyrinth_core.world import Action
 from pipeline.inspection import front_matter

@@ -15,9 +15,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import Results
 from labyrinth_core.language.text import SETTINGS_OF
-from labyrinth_core.pictures.style import DEFAULT_STYLE
+from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
 from pipeline.config.stage import Job
@@ -140,7 +140,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         "tasks": {str(task): _described(task) for task in Task},
         "datasets": datasets,
         "results": results,
-        "whySpl": " ".join(Scores.WHY_SPL.split()),
+        "whySpl": " ".join(Results.WHY_SPL.split()),
     }
     style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     policy = (

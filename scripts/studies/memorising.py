@@ -24,8 +24,8 @@ import numpy as np
 from run_queue import ROOT, processor_seconds, program
 
 from labyrinth_core import Dataset, evaluate, load_arrays, load_policy, memorised
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.storage import File
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from run_queue import HOURS, LONGEST, SCALING, missing_in
 
 from labyrinth_core.evaluation.baselines import REFERENCES
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
 from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.comparison import conclusion, differences_of, interquartile_mean

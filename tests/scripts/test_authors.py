@@ -13,7 +13,7 @@ import torch
 from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run
 
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.networks.acting import outputs_of
 from labyrinth_core.world import Labyrinth, Solver, Structure

@@ -8,7 +8,7 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data import COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth

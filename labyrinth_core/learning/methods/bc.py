@@ -18,8 +18,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation import LabyrinthArrays, PolicyError
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.networks.acting import make_network
 from labyrinth_core.learning.networks.symmetry import transform_examples

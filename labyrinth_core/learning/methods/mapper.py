@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import Policy, PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
 from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.learning.networks.mapping import AROUND, Mapper, MapperPolicy
@@ -45,8 +45,7 @@ from labyrinth_core.learning.networks.slots import (
 )
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec
 from labyrinth_core.world import Task
 
 
@@ -117,7 +116,7 @@ class Method(Learner):
         return PICTURE_SIZE
 
     @classmethod
-    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
+    def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
         """Return a policy that plans with the network, and remembers its plan."""
         assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)

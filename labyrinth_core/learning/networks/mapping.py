@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.networks.network import ACTIONS, double
 from labyrinth_core.learning.networks.slots import (
     CELL,
@@ -44,7 +44,7 @@ from labyrinth_core.learning.networks.slots import (
     places_of,
 )
 from labyrinth_core.learning.spec import MapperSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.world import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from environments.experts import expert_of
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world import Action, Solver, sample_labyrinth
 

@@ -11,11 +11,10 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from labyrinth_core.data import COLUMNS, SPLITS, Manifest
 from labyrinth_core.data import cache as caching
-from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
+from labyrinth_core.data.cache import FRAMES, LIMIT_VARIABLE, SUM, cached
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures import observations
 from labyrinth_core.storage import LocalFile

@@ -31,7 +31,8 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
-from labyrinth_core.data.manifest import Manifest, TableFile
+from labyrinth_core.data import Manifest
+from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.notebooks import WIDTH, register
 from labyrinth_core.storage import File
 

@@ -23,9 +23,9 @@ import pytest
 from support.making import Run
 
 from labyrinth_core import DatasetError, load_transitions
+from labyrinth_core.data import COLUMNS, TABLE_COLUMNS, Manifest
 from labyrinth_core.data.dataset import Part
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, TableFile
+from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.storage import File
 
 MOST = 700 << 20
@@ -41,7 +41,7 @@ from labyrinth_core import (
 from labyrinth_core.errors import DatasetError
 from pipeline.generation.check import validate
 from pipeline.generation.table import structures_in
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 
 pyarrow.set_cpu_count(1)  # Each thread reserves addresses that it does not use.
 moves = pc.field("moves") > 0

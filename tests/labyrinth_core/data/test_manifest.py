@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.making import Run
 
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data import Manifest, Shard
 from labyrinth_core.errors import DatasetError
 
 WRONG = (None, True, 1.0, -1, [], {})

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 from support.making import Run
 
-from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data import COLUMNS
 from labyrinth_core.data.manifest import readable
 from pipeline.generation.table import read_schema
 

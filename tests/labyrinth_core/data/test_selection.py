@@ -15,9 +15,9 @@ import pytest
 from support.tampering import put_shards
 
 from labyrinth_core import hub, load_arrays
-from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core.data import TABLE_COLUMNS, Manifest
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import Manifest, TableFile
+from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File

@@ -35,9 +35,8 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
-from labyrinth_core.data import dataset
+from labyrinth_core.data import Manifest, dataset
 from labyrinth_core.data import stream as streaming
-from labyrinth_core.data.manifest import Manifest
 
 CONFIG = "3x4"
 VECTOR = {"observation": "vector"}

@@ -21,7 +21,7 @@ from support.strategies import labyrinths
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world import BUCKETS, Action, Labyrinth, Look, Solver, State, Structure, Task
 

@@ -15,10 +15,10 @@ from support.making import Run
 from support.policies import Chance, Remembering, Rounds, Table, chance
 
 from labyrinth_core import Dataset, PolicyError, load_arrays, load_episodes, memorised, parse
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation import memorised as module
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.twins import (
     FIRST_SEED,
@@ -194,13 +194,13 @@ def test_interval_and_most_bracket_the_excess(made: Made) -> None:
     assert receipt.own_way.states < receipt.states
 
 
-@pytest.mark.slow  # 15 s: 200 training sets of 5x5, and 60 simulated policies.
+@pytest.mark.slow  # 8 s: 100 training sets of 5x5, and 60 simulated policies.
 def test_p_is_uniform_without_copying_and_small_with_it(
     build: Build, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     made = make(build, tmp_path_factory, size="5", labyrinths=100)
     test, live = made.test, np.flatnonzero(~made.test.terminal)
-    sets = [train_set(made.config), *control_sets(made.config, 200)]
+    sets = [train_set(made.config), *control_sets(made.config, 100)]
     twins = Twins.of(test, live, Demonstrated.of(sets))
     references = [twins.excess(each) for each in module.references_of(twins, test.optimal[live])]
     consensus = twins.shown.mean(axis=0, dtype=np.float64)

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from labyrinth_core.learning.networks.slots import (
     Slots,
 )
-from labyrinth_core.pictures.renderer import Style, render
-from labyrinth_core.pictures.style import DEFAULT_STYLE
+from labyrinth_core.pictures import DEFAULT_STYLE, render
+from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.world import Labyrinth, State, Task, sample_labyrinth
 
 RNG = np.random.default_rng(0)

@@ -15,7 +15,7 @@ from labyrinth_core.learning.networks.symmetry import (
     transform,
     transformed_actions,
 )
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import render
 from labyrinth_core.world import Labyrinth, State, Structure
 
 pytestmark = pytest.mark.slow

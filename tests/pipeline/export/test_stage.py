@@ -23,7 +23,7 @@ from support.making import Run
 from support.tampering import content_of
 
 from labyrinth_core import hub
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError

@@ -16,11 +16,8 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
+from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS
 from labyrinth_core.world import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate

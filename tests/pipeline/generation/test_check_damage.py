@@ -26,9 +26,8 @@ from support.tampering import (
     rows_of,
 )
 
+from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.data import manifest as listing
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.world import Labyrinth, Structure
 from pipeline.generation import check as checking

@@ -17,9 +17,7 @@ from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language.text import parse
 from labyrinth_core.world import Labyrinth, Look, Solver, Structure
 from pipeline.config.errors import ConfigError

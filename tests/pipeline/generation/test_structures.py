@@ -19,9 +19,7 @@ from support.brute_force import (
 )
 from support.making import Run
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError

@@ -24,9 +24,7 @@ from support.brute_force import (
 from support.making import Run
 from support.tampering import Rows, read_rows
 
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.generation import table

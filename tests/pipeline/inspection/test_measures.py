@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.language.text import parse
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.inspection.analyse import read_contents

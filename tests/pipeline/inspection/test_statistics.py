@@ -10,10 +10,7 @@ from support.making import make
 from support.planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 from support.tampering import cut_short
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.world import Labyrinth, Solver

@@ -18,11 +18,10 @@ from support.reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import memorised
 from labyrinth_core.command.__main__ import main
+from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
-from labyrinth_core.pictures.renderer import PICTURE_SIZE, render
-from labyrinth_core.pictures.style import DEFAULT_STYLE
+from labyrinth_core.pictures import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world import (
     TILES,
     Labyrinth,

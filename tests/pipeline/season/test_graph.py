@@ -12,9 +12,9 @@ import pytest
 from support.graphs import elsewhere, endless, linear, node, tensor
 
 from labyrinth_core import evaluate
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.spec import GRAPH
 from labyrinth_core.policies import graph
 from labyrinth_core.policies.graph import GraphPolicy

@@ -16,18 +16,15 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.evaluation.answers import Player, PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import mapper
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.learning.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import Style, render
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
+from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.style import RECOLOURED
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate
@@ -99,10 +96,8 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
         each.states[-1].agent == each.labyrinth.goal
         and len(each.actions)
         == len(Solver(each.labyrinth).shortest_route(np.random.default_rng(0)))
-        for each in attempts(
-            Player.of(policy, 0),
-            LabyrinthArrays.of_labyrinths(labyrinths, drawing),
-            range(len(labyrinths)),
+        for each in Player.of(policy).attempts(
+            LabyrinthArrays.of_labyrinths(labyrinths, drawing), range(len(labyrinths))
         )
     ]
     return float(np.mean(won))
@@ -252,7 +247,7 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)
         silent, asked_of_silent = counted(replace(player, remembered=None))
-        early, late = (step_through(each, arrays, 1) for each in (saying, silent))
+        early, late = (each.step_through(arrays, 1) for each in (saying, silent))
         assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters

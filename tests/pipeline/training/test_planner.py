@@ -16,16 +16,14 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.planning import FAR, Bellman
 from labyrinth_core.learning.spec import WEIGHTS, NetworkSpec
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import ObservationSpec, render
 from labyrinth_core.policies.record import read_run
 from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.training.checkpoint import read_policy
@@ -135,7 +133,7 @@ def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Ru
     for _ in range(learner.settings.epochs):
         learner.epoch()
     held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
-    assert success_rate(NetworkPolicy(learner.policy), held_out) >= 0.75
+    assert Player.of(NetworkPolicy(learner.policy)).success_rate(held_out) >= 0.75
 
 
 def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_in_numbers() -> None:
@@ -150,7 +148,9 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     pictures = ObservationSpec("image", 64, draw=True)
-    assert success_rate(policy, LabyrinthArrays.of_labyrinths(labyrinths, pictures)) >= 0.9
+    assert (
+        Player.of(policy).success_rate(LabyrinthArrays.of_labyrinths(labyrinths, pictures)) >= 0.9
+    )
     recoloured = replace(labyrinths[0], look=Look.RECOLOURED)
     assert np.isfinite(policy(np.stack([render(recoloured, State(7), 64)]))).all()
 

@@ -13,9 +13,9 @@ import pytest
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from labyrinth_core import parse, score_answer
-from labyrinth_core.evaluation.written_routes import read_moves
+from labyrinth_core.questions.written_routes import read_moves
 
 SETTINGS = "key_and_lock: {}\nicy_floor: {}\nocclusion: False\nlabyrinth:\n"
 OPEN = (

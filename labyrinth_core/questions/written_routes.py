@@ -74,16 +74,16 @@ def score_answer(labyrinth: Labyrinth | str, answer: str | None) -> RouteScore:
     moves, optimum = read_moves(answer or ""), Solver(labyrinth).moves
     state, limit = labyrinth.initial, labyrinth.step_limit
     steps = reason = None
-    for place, move in enumerate(moves):
+    for number, move in enumerate(moves):
         if steps is not None:
             reason = "after the goal"
         else:
-            reason = "limit" if place == limit else _why_not(labyrinth, state, move)
+            reason = "limit" if number == limit else _why_not(labyrinth, state, move)
         if reason is not None:
-            return RouteScore(moves, optimum, steps, place, reason)
+            return RouteScore(moves, optimum, steps, number, reason)
         state = labyrinth.transition(state, move)
         if state.agent == labyrinth.goal:
-            steps = place + 1
+            steps = number + 1
     if steps is None:
         reason = "short of the goal" if moves else "no moves"
     return RouteScore(moves, optimum, steps, None, reason)

@@ -13,9 +13,7 @@ from typing import Any
 from labyrinth_core.data import Columns
 from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.pictures.style import COLOURS_IN_WORDS
+from labyrinth_core.pictures import COLOURS_IN_WORDS, PICTURE_SIZE, Painter
 from labyrinth_core.world import TILES, Action, Labyrinth, Solver
 
 SMALL_PICTURE = 300

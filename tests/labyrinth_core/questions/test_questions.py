@@ -13,8 +13,8 @@ from PIL import Image
 
 from labyrinth_core import Labyrinth, Structure, Task, parse, question, render, sample_labyrinth
 from labyrinth_core import score_answer as score
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
 from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.world import Look
 
 TASKS = [task for task in Task if task is not Task.PARTIAL_OBSERVABILITY]
