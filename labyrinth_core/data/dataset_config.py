@@ -8,7 +8,7 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, ClassVar, get_args, get_type_hints
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.language.source_text import parse_size
+from labyrinth_core.language import parse_size
 from labyrinth_core.pictures import MAX_PICTURED_SIDE, PICTURE_SIZE, usual_wall_pixels
 from labyrinth_core.world import ALGORITHMS, Structure, Task
 

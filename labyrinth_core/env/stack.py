@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.many import dump_many
-from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.language import dump, dump_many, labyrinth_id, parse
 from labyrinth_core.pictures import VectorLayout
 from labyrinth_core.world import Labyrinth, Look, Structures, Tables, Task, seen_together
 

@@ -11,8 +11,8 @@ from math import inf
 from typing import Any, TypedDict, TypeVar
 
 from labyrinth_core import typed
-from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
 
 CONFIG = "config.json"

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.language.drawing import describe
+from labyrinth_core.language import describe
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many

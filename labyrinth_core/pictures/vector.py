@@ -59,7 +59,8 @@ class VectorLayout(NamedTuple):
 
     def walls(self, vectors: VectorArray) -> NDArray[np.bool_]:
         """Return which entries of the wall grids of N vectors are walls, shape (N, entries)."""
-        return vectors[:, self.task.rules.positions :] == WALL
+        walls: NDArray[np.bool_] = vectors[:, self.task.rules.positions :] == WALL
+        return walls
 
     def initial(self, labyrinth: Labyrinth) -> VectorArray:
         """Return the vector of a labyrinth's initial state with nothing hidden; read-only."""

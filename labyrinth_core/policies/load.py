@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
 from labyrinth_core.policies.weights import read_tensors
 from labyrinth_core.storage import File
+from labyrinth_core.terminal import printable_line
 
 if TYPE_CHECKING:
     import torch

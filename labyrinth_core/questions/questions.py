@@ -11,8 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from labyrinth_core.data import Columns
-from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.language import draw_text, dump, labyrinth_id, parse
 from labyrinth_core.pictures import COLOURS_IN_WORDS, PICTURE_SIZE, Painter
 from labyrinth_core.world import TILES, Action, Labyrinth, Solver
 

@@ -14,7 +14,7 @@ import numpy as np
 from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.pictures import animate
 from labyrinth_core.world import Solver
 from pipeline.config.errors import ConfigError, check

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import COLUMNS, DatasetConfig, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures import PICTURE_SIZE, PictureDigest
 from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 from pipeline.generation.labyrinths import Solution, labyrinth_and_parent

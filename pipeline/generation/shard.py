@@ -22,7 +22,7 @@ import numpy as np
 
 from labyrinth_core.data import COLUMNS, DatasetConfig, Manifest, Shard
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import dump
+from labyrinth_core.language import dump
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.world import Episode, Labyrinth

@@ -19,7 +19,7 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from labyrinth_core.data import COLUMNS, Dataset, Manifest
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import Painter, PictureDigest
 from labyrinth_core.pictures.png import strips_in
 from labyrinth_core.storage import File

@@ -26,7 +26,7 @@ from support.brute_force import (
 from support.known_labyrinths import KEY_AND_DOOR
 from support.strategies import labyrinths, randoms
 
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.pictures import DEFAULT_STYLE, MAX_PICTURED_SIDE, PICTURE_SIZE, Painter, render
 from labyrinth_core.pictures.png import strips_of
 from labyrinth_core.pictures.renderer import Style

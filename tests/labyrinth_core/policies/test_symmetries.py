@@ -8,7 +8,7 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from labyrinth_core.language.text import load
+from labyrinth_core.language import load
 from labyrinth_core.learning.networks.symmetry import (
     SYMMETRIES,
     Averaged,

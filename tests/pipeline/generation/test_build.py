@@ -24,7 +24,7 @@ from support.tampering import Rows, content_of, cut_short, episode_starts, ident
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.data import manifest as listing
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.pictures import state_pictures
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.storage import LocalFile
