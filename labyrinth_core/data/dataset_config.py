@@ -8,9 +8,8 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, ClassVar, get_args, get_type_hints
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
+from labyrinth_core.language import parse_size
+from labyrinth_core.pictures import MAX_PICTURED_SIDE, PICTURE_SIZE, usual_wall_pixels
 from labyrinth_core.world import ALGORITHMS, Structure, Task
 
 SOLUTIONS = ("shortest", "all_shortest", "all")

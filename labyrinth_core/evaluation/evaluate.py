@@ -31,7 +31,7 @@ from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.evaluation.twins import train_set
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 
 CLOSE = 1e-4
 """Scores of two actions that differ by at most this share of the greatest may fall another way on

@@ -29,9 +29,10 @@ from labyrinth_core.evaluation.results_form import (
     check_receipt,
 )
 from labyrinth_core.evaluation.scores import ACCURACIES, OUTCOMES, Scores, interval
-from labyrinth_core.language.collection import files_in
-from labyrinth_core.language.source_text import parse_size, printable_line
+from labyrinth_core.language import parse_size
+from labyrinth_core.listing import files_in
 from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.version import __version__
 
 COLUMNS = 80

@@ -25,8 +25,8 @@ from labyrinth_core.data import (
 )
 from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.terminal import printable_line
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
 

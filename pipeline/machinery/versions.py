@@ -7,7 +7,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from labyrinth_core.pictures.png import ENCODER
+from labyrinth_core.pictures import ENCODER
 from labyrinth_core.version import __version__
 
 

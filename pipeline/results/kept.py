@@ -8,7 +8,7 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results, TrainedRun
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.terminal import printable_line
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.artifact import Ownership
 from pipeline.machinery.sums import Sums

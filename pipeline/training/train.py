@@ -21,8 +21,7 @@ import torch
 from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import check

@@ -18,7 +18,7 @@ from labyrinth_core.learning.networks.network import Network, usual_defaults
 from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world import Task
 
 BATCH = 64
