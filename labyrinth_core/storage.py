@@ -12,6 +12,7 @@ import errno
 import hashlib
 import json
 import os
+import shutil
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
@@ -242,6 +243,13 @@ class File:
             while block := file.read(1 << 20):
                 digest.update(block)
         return digest.hexdigest()
+
+    def remove(self) -> None:
+        """Remove the file, or a local folder with its content, even if a process writes there."""
+        if isinstance(self.path, Path) and self.path.is_dir() and not self.path.is_symlink():
+            shutil.rmtree(self.path, ignore_errors=True)
+        else:
+            self.path.unlink(missing_ok=True)
 
     def size_and_time(self) -> tuple[int, float]:
         """Return the size in bytes and the modification time in seconds, without reading it."""

@@ -28,8 +28,7 @@ from PIL import Image
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
+from labyrinth_core.world import Labyrinth, State
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.generation.shard import Pictures

@@ -29,7 +29,7 @@ from kill_matrix import clear_memory, finish, hashes, started
 
 from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.season.commitment import Layout, Season
 from pipeline.season.options import SeasonOptions, SeasonStageOptions
 

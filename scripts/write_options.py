@@ -18,6 +18,7 @@ from typing import Any
 
 from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
 from pipeline.command.dataset import DatasetOptions
+from pipeline.command.stages import STAGES
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.training import METHODS, target_of
 from pipeline.training.method import find
@@ -71,7 +72,7 @@ def config() -> str:
     """
     of_dataset = {name for name, _, _ in declared(DatasetOptions)}
     options = {each[0]: each for each in declared(ALL)}
-    text = CONFIG
+    text = CONFIG if "export" in STAGES else CONFIG.replace("  - export: null\n", "")
     for heading, names in SECTIONS.items():
         shown = [name for name in names if name in of_dataset or "." not in name]
         lines = list(lines_of(options[name] for name in shown if name != "method"))
@@ -124,7 +125,8 @@ def written() -> dict[Path, str]:
     files = {page: re.sub(r"\| option \| default(.*\n)+?(?=\n|\Z)", lambda _: table(), text)}
     files |= {ROOT / "conf/config.yaml": config()}
     files |= {ROOT / f"conf/method/{name}.yaml": method(name) for name in METHODS}
-    return files | {ROOT / f"conf/export/{name}.yaml": export(name) for name in EXPORTS}
+    formats = EXPORTS if "export" in STAGES else ()  # A wing, which may be taken out.
+    return files | {ROOT / f"conf/export/{name}.yaml": export(name) for name in formats}
 
 
 if __name__ == "__main__":

@@ -28,7 +28,7 @@ from labyrinth_core.data.splits import SPLITS, is_of_train
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.storage import AnyPath
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -21,10 +21,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.observations import ObservationSpec, PictureError
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Labyrinths, Solver
 
 PARSED_CELLS = 2**16
 """The cells of labyrinths that are parsed and replayed in one batch."""
@@ -302,7 +299,7 @@ def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[E
         one = whole.take(slice(place, place + 1))
         try:
             labyrinth = parse(one.rows.texts[one.rows.info[0]])
-            replay(labyrinth, one.rows.actions[:-1].tolist())
+            labyrinth.replay(one.rows.actions[:-1].tolist())
         except ValueError as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"an episode cannot be replayed: {reason}") from error

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 if TYPE_CHECKING:
     import pyarrow as pa
     from pyarrow.parquet import ParquetFile
 
-    from labyrinth_core.world.dynamics import Episode
+    from labyrinth_core.world import Episode
 
 NO_ACTION = -1
 """The value of `actions` in the last row of an episode, in which no action is taken."""

@@ -37,7 +37,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import style_for
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Look
 
 
 class Transition(NamedTuple):

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Look
 
 
 class Refusal(NamedTuple):

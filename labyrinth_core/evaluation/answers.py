@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.rules import Action, Task
+from labyrinth_core.world import Action, Task
 
 if TYPE_CHECKING:
     from labyrinth_core.pictures.observations import ObservationSpec

@@ -32,7 +32,7 @@ from labyrinth_core.data import Dataset, Drawing
 from labyrinth_core.evaluation import Evaluation
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""

@@ -13,9 +13,7 @@ from labyrinth_core.evaluation.answers import PolicyError, decide, fitted, memor
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import ROUNDED, Player
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Labyrinth, Task, sample_labyrinth
 
 LABYRINTHS = 8
 """The number of labyrinths in which a policy is checked."""

@@ -193,18 +193,21 @@ class Evaluation:
         origin = origin if isinstance(origin, Origin) else None
         return cls(data, Player.of(policy, seed), spec, seed, origin, run)
 
-    def load(self, split: str, observation: str | None = None) -> LabyrinthArrays:
+    def load(
+        self, split: str, observation: str | None = None, *, hold: bool = True
+    ) -> LabyrinthArrays:
         """Return the labyrinths of a split with the policy's observation, or with another one.
 
         If the policy learnt from the first labyrinths of train alone, only they and those derived
         from them are those of a split: the others have structures that are new to the policy.
+        `hold` is that of `LabyrinthArrays.of`.
         """
         run, data = self.run, self.data
         known = run is not None and run.fingerprint == data.fingerprint
         learnt = run.first_labyrinths if run is not None and known else None
         kind = observation or self.spec.observation
         shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
-        return LabyrinthArrays.of(data.of_first(split, learnt), shown)
+        return LabyrinthArrays.of(data.of_first(split, learnt), shown, hold=hold)
 
     def results(
         self,
@@ -232,11 +235,12 @@ class Evaluation:
             episodes = whole("episodes", episodes, 1, typed.MOST_EPISODES)
         about, run = self.data.manifest.config, self.run
         learnt = None if run is None or trained_on is None else self._learnt(run, trained_on)
-        memory = TrainMemory.of(learnt or self.load("train", "vector"))
+        memory = TrainMemory.of(learnt or self.load("train", hold=False))
         scores: dict[str, Scores] = {}
         baselines: dict[str, dict[str, Mapping[str, float]]] = {}
         for split in follow(_chosen(splits, self.data)):
-            scores[split], beside = self._judge(split, memory, episodes, advice)
+            own = memory.train if split == "train" and learnt is None else None
+            scores[split], beside = self._judge(split, memory, episodes, advice, own)
             for name, figures in beside.items():
                 baselines.setdefault(name, {})[split] = figures
         self.data.require_unchanged()
@@ -379,17 +383,34 @@ class Evaluation:
         return "look-ups" if self.player.forgets and episodes is None else "steps"
 
     def _judge(
-        self, split: str, memory: TrainMemory, episodes: int | None, advice: str
+        self,
+        split: str,
+        memory: TrainMemory,
+        episodes: int | None,
+        advice: str,
+        loaded: LabyrinthArrays | None,
     ) -> tuple[Scores, dict[str, dict[str, float]]]:
-        """Return the scores of the policy on a split, and the figures of each baseline."""
-        arrays = self.load(split)
+        """Return the scores of the policy on a split, and the figures of each baseline.
+
+        Observations of policies that are stepped are held, as one state may be seen often; look-ups
+        show each state once.
+
+        Args:
+            split: The split.
+            memory: What the baselines know.
+            episodes: As for `evaluate`.
+            advice: What to do with a policy that answers the same observations differently.
+            loaded: The labyrinths of the split without held observations, if they are there.
+        """
+        steps = self._way(episodes) == "steps"
+        arrays = self.load(split, hold=steps) if loaded is None or steps else loaded
         # A run is compared with the baselines that do not look at a labyrinth, too.
         known, beside = memory.figures(arrays, blind=self.run is not None)
-        if self._way(episodes) == "look-ups":
+        if steps:
+            scores = Scores.of(self.player.step_through(arrays, episodes or 1), arrays)
+        else:
             self.player.require_repeatable(arrays, advice)
             scores = self.player.score(arrays)
-        else:
-            scores = Scores.of(self.player.step_through(arrays, episodes or 1), arrays)
         del arrays  # Frees the arrays before others are loaded.
         if self.data.manifest.config.task.rules.hides:
             beside |= replan(self.load(split, "vector"))
@@ -413,7 +434,8 @@ class Evaluation:
         if not alike or other.fingerprint != run.fingerprint:
             return None
         shown = ObservationSpec("vector", self.spec.image_size, draw=True)
-        return LabyrinthArrays.of(other["train"].filter(labyrinths=run.first_labyrinths), shown)
+        train = other["train"].filter(labyrinths=run.first_labyrinths)
+        return LabyrinthArrays.of(train, shown, hold=False)
 
 
 _LABYRINTHS = ("height", "width", "task")

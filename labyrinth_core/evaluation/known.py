@@ -122,7 +122,8 @@ class KnownDataset:
             raise ValueError(f"{name}: {self.name} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
-            return LabyrinthArrays.of(self.data.of_first(split, learnt), ObservationSpec("vector"))
+            selection = self.data.of_first(split, learnt)
+            return LabyrinthArrays.of(selection, ObservationSpec("vector"), hold=False)
 
         if (name, learnt) not in self._splits:
             if learnt not in self._memories:

@@ -21,9 +21,7 @@ from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES, Labyrinth, Tables
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
@@ -95,8 +93,17 @@ class LabyrinthArrays:
         return {place: index for index, place in enumerate(zip(ids, states, strict=True))}
 
     @classmethod
-    def of(cls, selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
-        """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`."""
+    def of(
+        cls, selection: Selection, spec: ObservationSpec, *, hold: bool = True
+    ) -> LabyrinthArrays:
+        """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`.
+
+        Args:
+            selection: The split or its part.
+            spec: How the states are observed.
+            hold: Whether to hold the observations if they take 1 GiB or less; False where each
+                state is observed once or never.
+        """
         held: dict[int, Labyrinth] = {}
         episodes: list[tuple[Place, NDArray[np.int64]]] = []
         part = selection.part()
@@ -110,7 +117,7 @@ class LabyrinthArrays:
                     episodes.append((place, rows.actions[first:last].copy()))
             if not held:
                 raise DatasetError(f"split={selection.split} has no episodes")
-            return _stack(list(held.values()), list(held), episodes, spec, hold=True)
+            return _stack(list(held.values()), list(held), episodes, spec, hold=hold)
         except MemoryError as error:
             count = sum(each.labyrinths for each in part.shards)
             count = count if part.spans is None else len(part.spans[0])

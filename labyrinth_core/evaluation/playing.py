@@ -26,7 +26,7 @@ from labyrinth_core.evaluation.answers import (
 )
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.scores import Episodes, Scores, mean_if_any
-from labyrinth_core.world.dynamics import Episode, replay
+from labyrinth_core.world import Episode
 
 SEEN_TOGETHER = 256
 """The largest number of states that a policy sees at once; a ResNet-18 takes 1 MB for each."""
@@ -314,7 +314,7 @@ class Player:
 
         self._play(arrays, arrays.initial[list(which)], limit=arrays.cells, note=note)
         return [
-            replay(arrays.labyrinths[number], actions)
+            arrays.labyrinths[number].replay(actions)
             for number, actions in zip(which, taken, strict=True)
         ]
 

@@ -27,7 +27,7 @@ from labyrinth_core.evaluation.description import (
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 KIND = "labyrinth-results"
 FORMAT = 2

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 
 OUTCOMES = {
     "solved": "the goal is reached",

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth, Labyrinths
 
 FIRST_SEED = 2**62
 """The seed of the first control. A control with the seed of the dataset is left out."""

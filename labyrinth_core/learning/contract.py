@@ -21,9 +21,7 @@ from labyrinth_core.learning.spec import OWN, NetworkSpec
 from labyrinth_core.learning.steps import Steps, roll_out, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8
 """The number of labyrinths that a method is tried on."""

@@ -21,7 +21,7 @@ from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 
 RENEWING = 3
 """The purpose of a seed, besides those of `labyrinth_core.data.drawing`."""

@@ -13,8 +13,7 @@ from typing import Any, TypedDict, TypeVar
 from labyrinth_core import typed
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world import SIDES, Task
 
 CONFIG = "config.json"
 WEIGHTS = "model.safetensors"
@@ -58,9 +57,9 @@ class NetworkSpec:
 
     encoder: str = checked(one_of=(*ENCODERS, PLANNER, MAPPER))
     """An encoder, or the name of a method that has a network of its own."""
-    height: int = checked(MIN_SIDE, MAX_SIDE)
+    height: int = checked(SIDES[0], SIDES[-1])
     """The height of the labyrinths in cells; the length of vectors depends on it."""
-    width: int = checked(MIN_SIDE, MAX_SIDE)
+    width: int = checked(SIDES[0], SIDES[-1])
     task: str = checked(one_of=map(str, Task))
 
 

@@ -25,9 +25,7 @@ from labyrinth_core.pictures.vector import (
     vector_observation,
     vector_observations,
 )
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
 
 Numbers = NDArray[np.int64]
 

@@ -15,9 +15,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, Action
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import TILES, Action, Labyrinth, Solver
 
 SMALL_PICTURE = 300
 MOST_ROUTES = 1_000

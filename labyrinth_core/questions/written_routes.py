@@ -10,9 +10,7 @@ from bisect import bisect
 from dataclasses import dataclass
 
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, State
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Action, Labyrinth, Solver, State
 
 _MARK = re.compile(r"answer[\s*_]{0,9}:", re.IGNORECASE)
 _WORD = re.compile(r"[^\W\d_]+")

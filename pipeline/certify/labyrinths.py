@@ -16,8 +16,7 @@ from labyrinth_core.language.collection import KINDS, files_in, is_collection, r
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.storage import AnyPath
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of

@@ -43,7 +43,7 @@ class CommandOptions(WorkOptions, DataFolderOption):
     """What all stages share: where datasets are, and how work is done."""
 
     stages: tuple[str, ...] = option(
-        ("build", "validate", "analyse", "card"),
+        tuple(name for name, stage in STAGES.items() if stage.is_default),
         "stages to run, in the order given: " + ", ".join(STAGES),
         one_of=STAGES,
     )

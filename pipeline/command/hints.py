@@ -27,10 +27,11 @@ def next_command(
         flags: The flags of the command line that choose the configuration.
     """
     first, *more = added.split()
-    stages = first.removeprefix("stages=").split(",")
-    more.insert(0, f"stages=[{','.join(stages)}]" if len(stages) > 1 else first)
-    if not {*stages} <= STAGES.keys():
-        return ""  # The wing of a stage was taken out.
+    # The wing of a stage may have been taken out.
+    stages = [each for each in first.removeprefix("stages=").split(",") if each in STAGES]
+    if not stages:
+        return ""
+    more.insert(0, f"stages=[{','.join(stages)}]" if len(stages) > 1 else f"stages={stages[0]}")
     used = {each.name for stage in stages for each in fields(STAGES[stage].options)} | SHARED
     used -= {"overwrite", *(each.partition("=")[0] for each in more)}
     names = {each: each.lstrip("+~").partition("=")[0] for each in given}

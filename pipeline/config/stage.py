@@ -126,3 +126,5 @@ class Stage:
     used with, such as `with publish.model`."""
     runs_alone: Callable[[Any], bool] = lambda _options: False
     """Returns whether no later stage can run after one with these options."""
+    is_default: bool = False
+    """Whether the stage runs if the command line names no stages."""

@@ -16,8 +16,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
 from pipeline.evaluation.named import Named, find_policy
@@ -114,7 +113,7 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     pictures = {}
     for episode in shown.player.attempts(shown.load(split), chosen):
         labyrinth = episode.labyrinth
-        optimal = replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
+        optimal = labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures

@@ -20,7 +20,8 @@ from labyrinth_core.policies.opening import PolicyNameError, open_policy
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Ownership
+from pipeline.machinery.sums import Sums
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -58,7 +59,7 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
         PolicyError: The policy raises an error, or cannot be shown these labyrinths.
     """
     named = _of_options(job) if not job.options.policy else _by_name(job)
-    own = Sums.read(named.path.parent, overwrite=job.options.overwrite)
+    own = Ownership(Sums.read(named.path.parent, overwrite=job.options.overwrite))
     own.require_free({named.path.name: b""}, named.key, job.options.overwrite, named.instead)
     return named
 

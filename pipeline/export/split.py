@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data import SPLITS, Dataset, LoadedEpisode, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.version import DEVELOPERS, __version__
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from pipeline.config.export import ExportOptions
 from pipeline.machinery.console import tracked
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure
 
 UNFIT = -1
 """In place of the split of a candidate that no split can use, or that repeats one in its chunk."""

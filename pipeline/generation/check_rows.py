@@ -18,9 +18,7 @@ from labyrinth_core.data import COLUMNS, DatasetConfig, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 from pipeline.generation.labyrinths import Solution, labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row

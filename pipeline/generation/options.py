@@ -55,6 +55,7 @@ STAGES = {
         next_step=_next_step,
         # The other stages need the whole dataset, which the last run, without part, assembles.
         runs_alone=lambda options: bool(options.part),
+        is_default=True,
     ),
-    "validate": Stage("pipeline.generation.check", WorkOptions),
+    "validate": Stage("pipeline.generation.check", WorkOptions, is_default=True),
 }

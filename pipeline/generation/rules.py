@@ -6,9 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 
 from labyrinth_core.data import SPLITS, DatasetConfig
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import tiles_matter
+from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.labyrinths import NEW_STRUCTURES, Solution
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
@@ -32,7 +30,8 @@ def labyrinth_problems(
     kind, structure = SPLITS[split], labyrinth.structure
     if not structure.is_connected:
         yield "not every cell can be reached"
-    if not tiles_matter(labyrinth):
+    solver = Solver(labyrinth)
+    if not solver.tiles_matter:
         yield "the tiles of the task make no difference"
     bucket = config.bucket_of(structure)
     if bucket != kind.bucket:
@@ -42,7 +41,7 @@ def labyrinth_problems(
     if parent is not None:
         yield from _relation_problems(config, split, labyrinth, parent)
     if split in SELECTED_SHIFTS:
-        measures = Measures(Solver(labyrinth).moves, structure.loops, structure.junctions)
+        measures = Measures(solver.moves, structure.loops, structure.junctions)
         problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
         if problem is not None:
             yield problem

@@ -26,9 +26,7 @@ from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.world.dynamics import Episode
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
+from labyrinth_core.world import Episode, Labyrinth, State
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import Solution, numbered_labyrinths
 from pipeline.generation.table import (

@@ -30,8 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (

@@ -3,4 +3,4 @@
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Stage
 
-STAGES = {"analyse": Stage("pipeline.inspection.analyse", WorkOptions)}
+STAGES = {"analyse": Stage("pipeline.inspection.analyse", WorkOptions, is_default=True)}

@@ -18,9 +18,9 @@ from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.inspection.leakage import Certificate, Keys, certify
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.sums import HASHES, Sums
 
 MOST_NAMED = 20
 """The maximum number of shared labyrinths listed per pair of splits and kind."""

@@ -19,8 +19,8 @@ from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums
 from pipeline.machinery.markdown import table
+from pipeline.machinery.sums import Sums
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph

@@ -153,7 +153,9 @@ def _idle(options: Any) -> dict[str, str]:
 
 
 STAGES = {
-    "card": Stage("pipeline.release.card", WorkOptions, _check_card, next_step=_after_card),
+    "card": Stage(
+        "pipeline.release.card", WorkOptions, _check_card, next_step=_after_card, is_default=True
+    ),
     "publish": Stage(
         "pipeline.release.publish",
         PublishStageOptions,

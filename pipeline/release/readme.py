@@ -9,7 +9,7 @@ import yaml
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config

@@ -34,8 +34,8 @@ from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core import hub
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.release.faults import PublishError, reasons
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)

@@ -32,7 +32,6 @@ from labyrinth_core.policies.load import load_policy
 from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
-from pipeline.machinery.folders import remove
 from pipeline.machinery.workers import end_with_parent
 from pipeline.release.faults import PublishError
 
@@ -117,7 +116,7 @@ def _scratch() -> Iterator[Path]:
     root = Path(tempfile.gettempdir())
     for lock in root.glob(f"{PREFIX}*.lock"):
         with suppress(OSError), LocalFile(lock).locked(wait=False):
-            remove(lock.with_suffix(""))
+            LocalFile(lock.with_suffix("")).remove()
     with (
         tempfile.TemporaryDirectory(prefix=PREFIX) as place,
         LocalFile(Path(f"{place}.lock")).locked(),

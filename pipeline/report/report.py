@@ -19,7 +19,7 @@ from labyrinth_core.evaluation import Results
 from labyrinth_core.language.text import SETTINGS_OF
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave

@@ -10,7 +10,8 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.options import ResultsFolderOption
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Ownership
+from pipeline.machinery.sums import Sums
 from pipeline.results.checking import Checks
 from pipeline.results.paper import METHODS, title_of
 
@@ -51,7 +52,7 @@ def gather(checks: Checks, results_dir: Path, overwrite: bool) -> tuple[Copies, 
         kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
-    own = Sums.read(results_dir, overwrite=overwrite)
+    own = Ownership(Sums.read(results_dir, overwrite=overwrite))
     for name in () if overwrite else own.others(files):
         refused.append(
             f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "

@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from labyrinth_core.evaluation import RunName
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from pipeline.machinery.markdown import plain
 
 METHODS = {

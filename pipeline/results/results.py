@@ -17,9 +17,10 @@ from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import Sums, leave
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 from pipeline.machinery.markdown import count
+from pipeline.machinery.sums import Sums
 from pipeline.results.checking import Checks
 from pipeline.results.entry import Entry, boards, entries_of
 from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all

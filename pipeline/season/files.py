@@ -11,7 +11,7 @@ from uuid import uuid4
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
-from pipeline.machinery.folders import held, remove
+from pipeline.machinery.folders import held
 
 _PREFIX = "labyrinth-season-"
 
@@ -58,7 +58,7 @@ def private_folder() -> Iterator[Path]:
                 with suppress(OSError):  # Its process is alive and holds it, or has just ended.
                     if abandoned != own and lock.lstat().st_uid == own.lstat().st_uid:
                         with LocalFile(lock).locked(wait=False):
-                            remove(abandoned)
+                            File(abandoned).remove()
             yield own
         finally:
-            remove(own)
+            File(own).remove()

@@ -19,7 +19,7 @@ from labyrinth_core.learning.spec import GRAPH
 from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
 from labyrinth_core.policies.opening import PolicyNameError, files_of
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.season.files import private_folder, require_regular
 
 

@@ -17,8 +17,9 @@ from labyrinth_core.policies.record import FORMAT, read_run, training_versions
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import Sums, leave
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
+from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"

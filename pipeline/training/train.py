@@ -9,6 +9,7 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -42,9 +43,10 @@ from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import Sums, produced
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import each_minute, progress, say
-from pipeline.machinery.folders import followed, held, remove, within
+from pipeline.machinery.folders import held, within
+from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
 from pipeline.training.identity import (
     choose_device,
@@ -86,7 +88,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             holds another run.
     """
     folder = job.options.run_folder(job.dataset)
-    place = followed(folder)
+    place = Path(os.path.realpath(folder)) if folder.is_symlink() else folder
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
     data = job.open_dataset(job.options.first_labyrinths)
@@ -102,12 +104,14 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             if made is not None:
                 path = working / CHECKPOINT
                 if overwrite and path.exists() and identity_in(path) != without_place(identity):
-                    remove(working)
+                    File(working).remove()
                 if method.protocol:
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
                 job.write_config(made)
-        remove(working)  # Only now: the next process would have continued from the checkpoint.
+        File(
+            working
+        ).remove()  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")

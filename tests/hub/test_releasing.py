@@ -18,7 +18,7 @@ from hub.local_hub import LocalHub
 from labyrinth_core import hub as client
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release import publish
 from pipeline.release.card import write_card
 from pipeline.release.faults import explained

@@ -28,7 +28,7 @@ PLANTS = {
     "validate": [
         ((), "labyrinth_core.data.manifest:Shard.from_json"),
         ((), "pipeline.generation.check_rows:_remade"),
-        ((), "pipeline.questions.check:routes_of"),
+        *[((), "pipeline.questions.check:routes_of")] * ("questions" in STAGES),
     ],
     "analyse": [((), "pipeline.inspection.counts:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],

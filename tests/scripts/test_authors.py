@@ -16,9 +16,7 @@ from support.making import Run
 from labyrinth_core.evaluation import Results
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.networks.acting import outputs_of
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train

@@ -19,15 +19,18 @@ def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     assert len(one_of_each) > 15
     for each in one_of_each.values():
         *builds, train, evaluate = (name for name in each.commands() if "try_authors" not in name)
-        (program, *training), (_, *evaluation) = map(shlex.split, (train, evaluate))
+        (program, *own, stage), (_, *same, then) = (
+            shlex.split(each.partition(" evaluate_on=")[0]) for each in (train, evaluate)
+        )
         assert (queue.ROOT / program).exists()
-        run = composed(*training)
+        assert (own, stage, then) == (same, "stages=train", "stages=evaluate")
+        run = composed(*own, "stages=[train,evaluate]", *re.findall("evaluate_on=.*", evaluate))
         find(run.options.method_name, run.options.method, run.options.protocol)
         assert (run.training_folder.parent, run.training_folder.name) == (
             Path("runs", each.folder),
             Path(each.kept).stem,
         )
-        assert composed(*evaluation).options.evaluate_on == each.evaluate_on
+        assert run.options.evaluate_on == each.evaluate_on
         folders = [options.rpartition("data_dir=")[2].split()[0] for options in builds]
         assert Path(each.evaluate_on).parent.as_posix() in (folders[-1], ".")
 

@@ -11,7 +11,7 @@ import pyarrow.parquet as pq
 from labyrinth_core.data import COLUMNS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.storage import File
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 from support.tampering import manifest_of
 
 DEFAULT, OTHER = "3x3", "3x4-key_and_door"

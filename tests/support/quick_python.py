@@ -104,6 +104,7 @@ def serve(address: str, launcher: str) -> None:
     sys.path.remove(root)
     assert "huggingface_hub" not in sys.modules
     sys.executable = launcher
+    os.fsync = lambda _: None  # As in `conftest.py`.
     gc.freeze()  # What is there is shared by all, and never looked through.
     running: dict[int, tuple[int, socket.socket]] = {}  # By a file that can be read at the end.
     listening = socket.socket(socket.AF_UNIX)

@@ -14,7 +14,7 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation import KnownDataset, Results
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"

@@ -47,7 +47,7 @@ from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 BATCH = 64
 """Observations per forward pass without gradients; with more, layers exceed caches."""

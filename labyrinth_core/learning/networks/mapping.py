@@ -45,7 +45,7 @@ from labyrinth_core.learning.networks.slots import (
 )
 from labyrinth_core.learning.spec import MapperSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
 """The moves to another cell, in rows down and columns right; within each four, one is turned."""

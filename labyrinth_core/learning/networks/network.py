@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.world.rules import Action, Task
+from labyrinth_core.world import Action, Task
 
 ACTIONS = len(Action)
 SLOPE = 0.01

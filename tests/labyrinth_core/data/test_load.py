@@ -26,9 +26,7 @@ from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 CONFIGS = "3x3", "4x4-key_and_door"
 

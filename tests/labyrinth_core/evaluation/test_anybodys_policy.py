@@ -21,7 +21,8 @@ from labyrinth_core.evaluation import Player, Results, playing
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Episodes, Scores
-from labyrinth_core.world.rules import Task
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.world import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
 
@@ -137,6 +138,21 @@ def test_a_function_is_asked_no_more_about_episodes_that_are_over(arrays_of):
     policy, asked = Table(arrays, mistaken(arrays, 0)), []
     stepped(lambda seen: asked.append(len(seen)) or policy(seen), arrays)
     assert sum(asked) == arrays.distance.sum()
+
+
+def test_the_pictures_of_states_are_held_only_for_policies_that_are_stepped(datasets, monkeypatch):
+    held = []
+    monkeypatch.setattr(Looks, "held", lambda looks: held.append(len(looks)) or looks)
+
+    def rightwards(observations):
+        return np.ones(len(observations), np.int64)
+
+    looked_up = evaluate(rightwards, datasets, "3x4", image_size=8)
+    assert not held
+    steps = evaluate(rightwards, datasets, "3x4", image_size=8, episodes=1)
+    assert len(held) == len(steps.splits)
+    for name, each in steps.splits.items():
+        assert told(each) == told(looked_up.splits[name])
 
 
 # Chance.

@@ -18,8 +18,7 @@ from labyrinth_core.pictures import looks, observations
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Look, Solver
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())

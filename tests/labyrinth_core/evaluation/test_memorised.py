@@ -29,7 +29,7 @@ from labyrinth_core.evaluation.twins import (
     train_set,
     without_effects,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]
@@ -194,13 +194,13 @@ def test_interval_and_most_bracket_the_excess(made: Made) -> None:
     assert receipt.own_way.states < receipt.states
 
 
-@pytest.mark.slow  # 15 s: 200 training sets of 5x5, and 60 simulated policies.
+@pytest.mark.slow  # 8 s: 100 training sets of 5x5, and 60 simulated policies.
 def test_p_is_uniform_without_copying_and_small_with_it(
     build: Build, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     made = make(build, tmp_path_factory, size="5", labyrinths=100)
     test, live = made.test, np.flatnonzero(~made.test.terminal)
-    sets = [train_set(made.config), *control_sets(made.config, 200)]
+    sets = [train_set(made.config), *control_sets(made.config, 100)]
     twins = Twins.of(test, live, Demonstrated.of(sets))
     references = [twins.excess(each) for each in module.references_of(twins, test.optimal[live])]
     consensus = twins.shown.mean(axis=0, dtype=np.float64)

@@ -15,12 +15,11 @@ from labyrinth_core.evaluation import Player
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 
 
 def visited(labyrinth, actions):
-    return [state.agent for state in replay(labyrinth, actions).states]
+    return [state.agent for state in labyrinth.replay(actions).states]
 
 
 def parts(cells):

@@ -14,8 +14,8 @@ from labyrinth_core import evaluate, load_arrays
 from labyrinth_core.evaluation import Description, Player, PolicyError
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task, neighbours
+from labyrinth_core.world import Labyrinth, State, Task
+from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.structure import breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]

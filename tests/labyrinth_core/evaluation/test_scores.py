@@ -9,7 +9,7 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table, mistaken
 
-from labyrinth_core.evaluation import Player
+from labyrinth_core.evaluation import Player, baselines
 from labyrinth_core.evaluation.baselines import TrainMemory, _before, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import follow, follow_route
@@ -121,6 +121,16 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
     assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+def test_the_random_policy_of_large_labyrinths_is_computed_without_taking_each_step(
+    datasets, config, monkeypatch
+):
+    arrays = load_arrays(datasets, config, "train", observation="vector")
+    stepped = random_figures(arrays)
+    monkeypatch.setattr(baselines, "STEPPED_CELLS", 0)
+    assert random_figures(arrays) == pytest.approx(stepped, rel=1e-11)
 
 
 def test_probabilities_are_added_up_in_the_order_of_the_moves():

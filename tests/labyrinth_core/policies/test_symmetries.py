@@ -16,9 +16,7 @@ from labyrinth_core.learning.networks.symmetry import (
     transformed_actions,
 )
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, State, Structure
 
 pytestmark = pytest.mark.slow
 

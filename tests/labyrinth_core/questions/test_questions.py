@@ -15,7 +15,7 @@ from labyrinth_core import Labyrinth, Structure, Task, parse, question, render, 
 from labyrinth_core import score_answer as score
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.questions import QUESTION_COLUMNS
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Look
 
 TASKS = [task for task in Task if task is not Task.PARTIAL_OBSERVABILITY]
 

@@ -21,8 +21,7 @@ from support.making import RunConfig, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world import ALGORITHMS, Task
 from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
@@ -329,7 +328,7 @@ def test_the_values_of_the_files_are_the_defaults_of_the_declarations() -> None:
 
 def test_options_are_frozen_as_are_their_groups() -> None:
     options = composed().options
-    for each in (options, options.buckets, options.publish):
+    for each in (options, options.buckets, options.splits):
         assert is_dataclass(each)
         with pytest.raises(FrozenInstanceError):
             each.train = 1  # type: ignore[attr-defined]

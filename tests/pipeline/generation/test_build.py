@@ -27,7 +27,7 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.storage import LocalFile
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace

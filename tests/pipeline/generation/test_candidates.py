@@ -18,8 +18,7 @@ from support.tampering import content_of, cut_short
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
 from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
 from pipeline.generation.structures import sample
@@ -77,7 +76,7 @@ def test_structures_are_unpacked_as_they_were_packed(
     make_run: Callable[..., Run], seed: int, height: int, width: int
 ) -> None:
     config = make_run(Path("nowhere"), size=f"{height}x{width}", labyrinths=1).dataset
-    drawn = sample_structures(height, width, np.random.default_rng(seed))
+    drawn = Structure.sample(height, width, np.random.default_rng(seed))
     structures = [*islice(drawn, 3), Structure.without_walls(height, width)]
     records = pack(config, [(each, UNFIT) for each in structures])
     assert list(unpack(config, records)) == structures

@@ -29,8 +29,7 @@ from support.tampering import (
 from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.data import manifest as listing
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.generation import check as checking
 
 # A file that is not read, as its footer shows that it is not ours.

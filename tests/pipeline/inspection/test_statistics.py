@@ -13,9 +13,7 @@ from support.tampering import cut_short
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Solver
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
@@ -33,7 +31,7 @@ def episodes(folder, split):
             found.append((row["info"], []))
         found[-1][1].append(row)
     return [
-        (parse(info), replay(parse(info), [row["actions"] for row in of[:-1]]), of)
+        (parse(info), parse(info).replay([row["actions"] for row in of[:-1]]), of)
         for info, of in found
     ]
 

@@ -17,7 +17,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import parse
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import File
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 from pipeline.generation import check
 
 __all__ = ["asked", "copied"]

@@ -30,12 +30,11 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
 from pipeline.release.repository import listed as files_of

@@ -93,12 +93,15 @@ def test_a_dataset_in_an_object_store_cannot_be_published() -> None:
     ("name", "stages", "others", "users"),
     [
         ("method", ["build"], {}, ("publish", "train", "evaluate")),
-        ("method.epochs", ["report"], {}, ("publish", "train", "evaluate")),
+        ("method.epochs", ["validate"], {}, ("publish", "train", "evaluate")),
         ("publish.version", ["build", "card"], {}, ("publish",)),
         ("method", ["publish"], {}, ("publish with publish.model", "train", "evaluate")),
         ("method", ["publish"], {"publish": PublishOptions(model="a/b")}, None),
         ("method", ["publish", "train"], {}, None),
-        ("export.format", ["publish"], {}, ("publish with publish.export", "export")),
+        (
+            *("export.format", ["publish"], {}),
+            ("publish with publish.export", *["export"] * ("export" in STAGES)),
+        ),
         ("export.format", ["publish"], {"publish": PublishOptions(export="a/b")}, None),
         ("revision", ["publish"], {"publish": PublishOptions(env="a/b")}, None),
         (
@@ -109,8 +112,8 @@ def test_a_dataset_in_an_object_store_cannot_be_published() -> None:
         ),
         ("device", ["evaluate"], {"policy": "a:b"}, None),
         ("policy", ["evaluate"], {}, None),
-        ("policy", ["results"], {}, ("evaluate",)),
-        ("size", ["results"], {}, None),
+        ("policy", ["validate"], {}, ("evaluate",)),
+        ("size", ["validate"], {}, None),
     ],
 )
 def test_an_option_that_no_requested_stage_uses_is_told(

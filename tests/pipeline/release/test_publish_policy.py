@@ -32,7 +32,7 @@ from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release.model import stage_policy
 from pipeline.release.options import PublishOptions
 from pipeline.training import train

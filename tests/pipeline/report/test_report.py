@@ -20,7 +20,7 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report

@@ -22,10 +22,15 @@ from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, LabyrinthError, State, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import (
+    TILES,
+    Labyrinth,
+    LabyrinthError,
+    Solver,
+    State,
+    Task,
+    sample_labyrinth,
+)
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
 

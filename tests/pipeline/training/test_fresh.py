@@ -21,7 +21,7 @@ from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage

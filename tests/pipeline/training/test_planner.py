@@ -26,9 +26,7 @@ from labyrinth_core.learning.spec import WEIGHTS, NetworkSpec
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, State
-from labyrinth_core.world.sampling import sample_structures
+from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.training.checkpoint import read_policy
 
 pytestmark = pytest.mark.slow
@@ -146,7 +144,7 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     spec = NetworkSpec("planner", 5, 5, "navigation")
     make = partial(planner.Method.make, settings=settings)
     policy = read_policy(RELEASED / WEIGHTS, spec, make=make)
-    structures = sample_structures(
+    structures = Structure.sample(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]

@@ -21,8 +21,7 @@ from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Episode, Task
 from pipeline.command.dataset import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
@@ -60,7 +59,7 @@ def is_episode(episode: Episode, first: int, last: int) -> bool:
     ends = [episode.states[place].agent for place in (first, last)]
     try:
         labyrinth = replace(episode.labyrinth, start=ends[0], goal=ends[1])
-        part = replay(labyrinth, episode.actions[first:last].tolist())
+        part = labyrinth.replay(episode.actions[first:last].tolist())
     except ValueError:
         return False
     return part.states == episode.states[first : last + 1]

@@ -23,7 +23,8 @@ from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import HASHES, leave
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.sums import HASHES
 from pipeline.training import record, train
 from pipeline.training.record import CURVES
 

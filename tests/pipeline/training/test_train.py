@@ -23,7 +23,7 @@ from labyrinth_core.learning.spec import CONFIG, WEIGHTS
 from labyrinth_core.pictures import looks
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.training import train
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 

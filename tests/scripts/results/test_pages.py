@@ -10,19 +10,28 @@ from pathlib import Path
 
 import pytest
 import report_authors
+import report_coverage
 import report_pages as pages
 
 from pipeline.results.paper import paper_figures
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 PAGES = sorted((ROOT / "docs" / "studies").glob("*.md"))
 
 
+SIMULATED = [case for case in report_coverage.CASES if case in ((1, 12, 0), (3, 32, 0.7))]
+"""Two of the rows that are made by simulation, which takes a second a row and more."""
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
-def test_the_tables_of_a_page_follow_from_the_results(page):
+def test_the_tables_of_a_page_follow_from_the_results(page, monkeypatch):
     text = page.read_text(encoding="utf-8")
+    for seeds, labyrinths, spread in {*report_coverage.CASES} - {*SIMULATED}:
+        text = text.replace(rf"| {seeds} | {labyrinths:,} | {spread or ''} |", "left out", 1)
+    text = re.sub("^left out.*\n", "", text, flags=re.MULTILINE)
+    monkeypatch.setattr(report_coverage, "CASES", SIMULATED)
     assert pages.with_tables(text) == text
 
 
@@ -54,7 +63,7 @@ def test_a_cell_of_the_paper_has_the_first_verdict_that_holds(
 
 
 def test_the_intervals_cover_what_they_promise_by_the_table_of_the_page():
-    # The first test of this file makes the table again, by simulation.
+    # The first test of this file makes two rows of the table again, by simulation.
     text = (ROOT / "docs" / "studies" / "results.md").read_text(encoding="utf-8")
     (made,) = (each[0] for each in pages.PLACE.finditer(text) if each[2] == "coverage")
     rows = [

@@ -10,8 +10,8 @@ from support.crashing import Crash, CrashError
 from support.renaming import ERRORS, no_folder_is_renamed
 from support.tampering import content_of
 
-from pipeline.machinery import folders
-from pipeline.machinery.folders import move_into_place, recover
+from labyrinth_core import folders
+from labyrinth_core.folders import LocalFolder
 
 MARK = "mark"
 
@@ -34,7 +34,7 @@ def test_what_cannot_be_renamed_is_copied(error: int, there: bool, tmp_path: Pat
         folder_of(place, old="0")
     expected = content_of(made)
     with no_folder_is_renamed(error):
-        move_into_place(made, place, MARK)
+        LocalFolder(place, MARK).complete(made)
     assert content_of(place) == expected
     assert (place / "link").readlink() == Path("nowhere")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["place", "work"]
@@ -44,7 +44,7 @@ def test_what_cannot_be_renamed_is_copied(error: int, there: bool, tmp_path: Pat
 def test_another_error_is_not_hidden(tmp_path: Path) -> None:
     made, place = folder_of(tmp_path / "made"), folder_of(tmp_path / "place", old="0")
     with no_folder_is_renamed(13), pytest.raises(PermissionError):
-        move_into_place(made, place, MARK)
+        LocalFolder(place, MARK).complete(made)
     assert (place / "old").exists()
 
 
@@ -58,11 +58,11 @@ def test_a_crash_at_any_change_leaves_one_folder_or_the_other(error: int, tmp_pa
         with renaming, pytest.MonkeyPatch.context() as patch:
             crash = Crash(patch, change)
             try:
-                move_into_place(made, place, MARK)
+                LocalFolder(place, MARK).complete(made)
             except CrashError:
                 assert not (place / MARK).exists() or content_of(place) in (old, new)
                 patch.undo()
-                recover(place, MARK)
+                LocalFolder(place, MARK).recover()
         assert content_of(place) in (old, new)
         assert not list(folder.glob(f".*{folders._COMPLETE}"))
         if crash.left > 0:
