@@ -20,7 +20,7 @@ from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
 from labyrinth_core.policies.opening import PolicyNameError, files_of
 from labyrinth_core.world import Task
-from pipeline.season.files import private_folder, require_regular
+from pipeline.season.commitment import private_folder, require_regular
 
 
 class Submission(NamedTuple):
