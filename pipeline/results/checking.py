@@ -160,7 +160,7 @@ class Checks:
             return open_policy(folder), ""
         if policy is not None:
             return open_policy(policy.source, revision=policy.commit, code=False), ""
-        name = results.method.name if results.method is not None else ""
+        name = results.about.name
         if "/" in name or Path(name).expanduser().exists():  # The name says which policy it is.
             return open_policy(name, code=False), ""
         return None, "they name no files of a policy"

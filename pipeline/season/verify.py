@@ -137,6 +137,6 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
     except (DatasetError, ValueError) as error:
         say(f"self-reported, and refused: {one_line(error)}")
         return True
-    test, name = results.splits["test"], results.method.name if results.method else path.name
+    test, name = results.splits["test"], results.about.name
     say(f"self-reported, not verified: {name!r}, {shown({'spl': test.spl, 'sr': test.sr})}")
     return False
