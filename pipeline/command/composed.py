@@ -129,6 +129,8 @@ DEFAULTS = {name: default_of(each) for name, each, _ in declared(ALL)}
 KINDS = {name: kind for name, _, kind in declared(ALL)}
 """The declared type of each option."""
 
+GROUPS = {name.partition(".")[0] for name in KINDS}
+"""The options, and the groups of options; other names of a command line are Hydra's."""
 
 SHARED = {each.name for cls in (DatasetOptions, CommandOptions) for each in fields(cls)} - {
     "stages"

@@ -9,7 +9,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from pipeline.command.composed import KINDS, SHARED
+from pipeline.command.composed import GROUPS, KINDS, SHARED
 from pipeline.command.stages import STAGES
 from pipeline.config.errors import as_typed
 
@@ -38,7 +38,7 @@ def next_command(
     kept = [
         _resolved(each, name, options)
         for each, name in names.items()
-        if name.partition(".")[0] in used or name.partition(".")[0] not in _GROUPS
+        if name.partition(".")[0] in used or name.partition(".")[0] not in GROUPS
     ]
     if not any(each.startswith("size=") for each in kept):
         kept = [as_typed("size", options.size), *kept]
@@ -46,10 +46,6 @@ def next_command(
     program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
     words = [program, *map(shlex.quote, flags), *kept, *map(shlex.quote, more)]
     return f"Next, to {purpose}: {' '.join(words)}"
-
-
-_GROUPS = {name.partition(".")[0] for name in KINDS}
-"""The options, and the groups of options; other names of a command line are Hydra's."""
 
 
 def _resolved(given: str, name: str, options: Any) -> str:
