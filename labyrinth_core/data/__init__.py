@@ -4,8 +4,9 @@
 Each name is imported on first use.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labyrinth_core.doors import door
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.data.dataset import ShardFile as ShardFile
@@ -20,30 +21,27 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.data.manifest import Manifest as Manifest
     from labyrinth_core.data.manifest import Shard as Shard
     from labyrinth_core.data.splits import SPLITS as SPLITS
-
-_HOMES = {
-    "COLUMNS": "format",
-    "SPLITS": "splits",
-    "TABLE_COLUMNS": "format",
-    "Columns": "format",
-    "Dataset": "datasets",
-    "DatasetConfig": "dataset_config",
-    "Drawing": "drawing",
-    "LoadedEpisode": "episodes",
-    "Manifest": "manifest",
-    "Selection": "datasets",
-    "Shard": "manifest",
-    "ShardFile": "dataset",
-}
-"""Name -> the module of this room that defines it."""
-
-__all__ = [*_HOMES]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module of a name of this room, and return the object (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
-    globals()[name] = value
-    return value
+else:
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "dataset": ("ShardFile",),
+            "dataset_config": ("DatasetConfig",),
+            "datasets": (
+                "Dataset",
+                "Selection",
+            ),
+            "drawing": ("Drawing",),
+            "episodes": ("LoadedEpisode",),
+            "format": (
+                "COLUMNS",
+                "TABLE_COLUMNS",
+                "Columns",
+            ),
+            "manifest": (
+                "Manifest",
+                "Shard",
+            ),
+            "splits": ("SPLITS",),
+        },
+    )

@@ -3,8 +3,9 @@
 `Evaluation` shows any policy the labyrinths of a dataset; `Results` is what a file of results has.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labyrinth_core.doors import door
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
@@ -19,28 +20,23 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays as LabyrinthArrays
     from labyrinth_core.evaluation.playing import Player as Player
     from labyrinth_core.evaluation.results import Results as Results
-
-_HOMES = {
-    "Description": "description",
-    "Evaluation": "evaluate",
-    "KnownDataset": "known",
-    "LabyrinthArrays": "labyrinth_arrays",
-    "Origin": "description",
-    "Player": "playing",
-    "PolicyError": "answers",
-    "Results": "results",
-    "RunName": "description",
-    "TrainedRun": "description",
-    "Training": "description",
-    "check_policy": "contract",
-}
-"""Name -> its module here, imported on first use: descriptions and errors need little."""
-
-__all__ = [*_HOMES]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module of an exported name, and return the object (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+else:
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "answers": ("PolicyError",),
+            "contract": ("check_policy",),
+            "description": (
+                "Description",
+                "Origin",
+                "RunName",
+                "TrainedRun",
+                "Training",
+            ),
+            "evaluate": ("Evaluation",),
+            "known": ("KnownDataset",),
+            "labyrinth_arrays": ("LabyrinthArrays",),
+            "playing": ("Player",),
+            "results": ("Results",),
+        },
+    )

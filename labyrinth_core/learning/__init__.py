@@ -3,8 +3,9 @@
 A user's own method imports from here; the methods of this project are in `methods`.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from labyrinth_core.doors import door
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.learner import BaseSettings as BaseSettings
@@ -16,25 +17,22 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.steps import Rollout as Rollout
     from labyrinth_core.learning.steps import Steps as Steps
     from labyrinth_core.learning.steps import roll_out as roll_out
-
-_HOMES = {
-    "BaseSettings": "learner",
-    "Learner": "learner",
-    "Observations": "observations",
-    "Problem": "learner",
-    "Rollout": "steps",
-    "Steps": "steps",
-    "outputs_of": "networks.acting",
-    "roll_out": "steps",
-    "setting": "learner",
-}
-"""Name -> its module here, imported on first use: most need PyTorch, specifications do not."""
-
-__all__ = [*_HOMES]
-
-
-def __getattr__(name: str) -> Any:
-    """Import the module of an exported name, and return the object (PEP 562)."""
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+else:
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "learner": (
+                "BaseSettings",
+                "Learner",
+                "Problem",
+                "setting",
+            ),
+            "networks.acting": ("outputs_of",),
+            "observations": ("Observations",),
+            "steps": (
+                "Rollout",
+                "Steps",
+                "roll_out",
+            ),
+        },
+    )
