@@ -9,7 +9,6 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -22,6 +21,7 @@ import torch
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
 from labyrinth_core.learning.networks.acting import NetworkPolicy
