@@ -248,5 +248,8 @@ def refusal(error: Exception) -> str:
         return message
     kind = KINDS.get(field_name[1])
     kinds = {kind, *get_args(kind)}
-    what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
+    if get_origin(kind) is tuple:
+        what = "a list"
+    else:
+        what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
     return f"{field_name[1]}: give {what} ({message})"

@@ -90,6 +90,8 @@ def default_of(each: Field[Any]) -> str:
     if isinstance(default, tuple):
         _, _, one_of, _ = each.metadata["checks"]
         every = bool(default) and [*default] == one_of
+        if default and not isinstance(default[0], str):
+            return f"[{','.join(map(str, default))}]"
         return "all" if every else ",".join(default)
     if default is None:
         return ""
@@ -222,10 +224,6 @@ def resolve(
         ConfigError: A value is invalid; the message says what was given and what is allowed.
     """
     check_options(options, CommandOptions)
-    check(
-        options.executor_address is None or options.executor != "local",
-        f"executor_address={options.executor_address}: executor=local has no address",
-    )
     try:
         data_dir = folder_at(options.data_dir)
     except ValueError as error:

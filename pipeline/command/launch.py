@@ -192,8 +192,7 @@ def _outcome(config: DictConfig) -> float | None:
     answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
     show_start(started=True)
     objective = None
-    place = options.executor_address, options.executor_wait
-    with cluster(options.executor, options.workers, *place):
+    with cluster(options.executor, options.workers):
         for stage, job in jobs.items():
             found = modules[stage].run(job)
             objective = objective if found is None else found

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_origin, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from pipeline.config.errors import ConfigError, check, listed, no_option
 
@@ -72,16 +72,18 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
 def _value(name: str, value: Any, kind: Any) -> Any:
     """Return a value in its option's declared type; raise a ConfigError if it does not fit.
 
-    For a list, a single text is accepted.
+    For a list of texts, a single text is accepted.
     """
     if is_dataclass(kind) or get_origin(kind) is dict:
         check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
         return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
     if get_origin(kind) is tuple:
-        texts = [value] if isinstance(value, str) else value
-        fits = isinstance(texts, list) and all(isinstance(each, str) for each in texts)
-        check(fits, f"{name}={value}: give a list of texts")
-        return tuple(texts)
+        of = get_args(kind)[0]
+        values = [value] if isinstance(value, str) and of is str else value
+        fits = isinstance(values, list) and all(type(item) is of for item in values)
+        what = "texts" if of is str else "whole numbers"
+        check(fits, f"{name}={value}: give a list of {what}")
+        return tuple(values)
     if kind is bool:
         check(str(value).lower() in ("true", "false"), f"{name}={value}: give true or false")
         return str(value).lower() == "true"

@@ -30,8 +30,6 @@ class _Dask:
 
     address: str | None
     """The address of a running cluster; None to start one."""
-    wait: int
-    """The most seconds to wait for the first worker of a running cluster."""
     stack: ExitStack
     """Closing it ends the cluster."""
     processes: int = 0
@@ -39,8 +37,8 @@ class _Dask:
 
     @property
     def name(self) -> str:
-        """The options that choose the cluster."""
-        return f"executor=dask{f' executor_address={self.address}' if self.address else ''}"
+        """The option that chooses the cluster."""
+        return f"executor={self.address or 'dask'}"
 
     def provide(self, workers: int) -> None:
         """Start the cluster, or start it again, if it has fewer processes than `workers`."""
@@ -61,11 +59,8 @@ class _Dask:
         try:
             if self.client.ncores():
                 return
-            say(f"waiting for a worker of {self.name} (at most executor_wait={self.wait} seconds)")
-            self.client.submit(os.getpid, pure=False).result(timeout=self.wait)
-        except TimeoutError as error:
-            reason = f"no worker came within executor_wait={self.wait} seconds"
-            raise ConfigError(f"{self.name}: {reason}: start workers, or wait longer") from error
+            say(f"waiting for a worker of {self.name}, as long as it takes")
+            self.client.submit(os.getpid, pure=False).result()
         except OSError as error:
             raise ConfigError(f"{self.name}: {one_line(error):.300}") from error
 
@@ -74,19 +69,15 @@ _cluster: ContextVar[_Dask | None] = ContextVar("cluster", default=None)
 
 
 @contextmanager
-def cluster(
-    executor: str, workers: int, address: str | None = None, wait: int = 600
-) -> Iterator[None]:
+def cluster(executor: str, workers: int) -> Iterator[None]:
     """Run every `ordered_map` within the context on an executor.
 
     A new cluster starts when there is work for it, with no more processes than items of work.
 
     Args:
-        executor: local or dask.
+        executor: local, dask, or the address of a running Dask cluster, whose machines must have
+            the dataset's folder at the same path.
         workers: The maximum number of processes.
-        address: The address of a running cluster to use instead. Its machines must have the
-            dataset's folder at the same path.
-        wait: The most seconds to wait for the first worker of a running cluster.
 
     Raises:
         ConfigError: Dask is not installed, or its cluster cannot be reached.
@@ -98,10 +89,10 @@ def cluster(
         import distributed  # noqa: F401
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[dask]'"
-        raise ConfigError(f"executor=dask is not installed: {install}") from error
+        raise ConfigError(f"executor={executor} needs dask: {install}") from error
     with ExitStack() as stack:
-        there = _Dask(address, wait, stack)
-        if address is not None:
+        there = _Dask(None if executor == "dask" else executor, stack)
+        if there.address is not None:
             there.provide(workers)
         token = _cluster.set(there)
         try:

@@ -48,7 +48,6 @@ class Release:
 
 def command(config: DatasetConfig) -> str:
     """Return the command line that makes a dataset, with every option."""
-    train, validation, test = config.buckets
     options: dict[str, object] = {
         "size": f"{config.height}x{config.width}",
         "task": config.task,
@@ -58,15 +57,15 @@ def command(config: DatasetConfig) -> str:
         "random_steps": config.random_steps,
         "sampler": config.sampler,
         "open_walls": config.open_walls,
-        "buckets.train": train,
-        "buckets.validation": validation,
-        "buckets.test": test,
+        "buckets": config.buckets,
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
-    for name, value in config.unusual_options().items():
-        options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
-    given = [f"{name}={value}" for name, value in options.items()]
+    options |= config.unusual_options()
+    given = [
+        f"{name}=[{','.join(map(str, value))}]" if isinstance(value, tuple) else f"{name}={value}"
+        for name, value in options.items()
+    ]
     return shlex.join(["labyrinth-datasets", *given])
 
 
