@@ -20,8 +20,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.command.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
-from pipeline.command.method import CONF, usual_settings
+from pipeline.command.composed import ALL, CONF, DEFAULTS, KINDS, OPTIONS, SECTIONS, usual_settings
 from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
 from pipeline.config.training import METHODS

@@ -37,7 +37,7 @@ from pipeline.command.command_line import (
     shown,
     shows_job,
 )
-from pipeline.command.composed import GROUPS, as_file, names_in, options_of, resolve, unused
+from pipeline.command.composed import CONF, GROUPS, as_file, names_in, options_of, resolve, unused
 from pipeline.command.ending import (
     FAULTS_OF_DISKS,
     answer_signals,
@@ -47,7 +47,6 @@ from pipeline.command.ending import (
     show_start,
 )
 from pipeline.command.hints import next_command
-from pipeline.command.method import CONF
 from pipeline.command.stages import STAGES
 from pipeline.command.texts import as_given, overrides_of
 from pipeline.config.errors import ConfigError

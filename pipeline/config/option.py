@@ -18,10 +18,7 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 Options = TypeVar("Options")
 
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
-DATASET_AND_CONFIG = (
-    r"(.*[^/]/\d+x\d+(-\w+)?/?)?",
-    "a dataset and its config, such as data/other/4x6",
-)
+_DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6")
 """Patterns of values, and what they allow in words."""
 
 
@@ -34,6 +31,7 @@ def option(
     one_of: Iterable[object] = (),
     like: tuple[str, str] | None = None,
     is_local_folder: bool = False,
+    is_dataset: bool = False,
 ) -> Any:
     """Return the field that declares an option.
 
@@ -46,8 +44,9 @@ def option(
             of them; it may be empty only if its default is.
         like: A regular expression for the whole text, and a phrase that says what to give.
         is_local_folder: Whether the value is a folder on this machine, and not a URL.
+        is_dataset: Whether the value is a folder of datasets or an id on the Hub, with a config.
     """
-    like = _LOCAL_FOLDER if is_local_folder else like
+    like = _LOCAL_FOLDER if is_local_folder else _DATASET if is_dataset else like
     metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)

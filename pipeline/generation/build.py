@@ -29,6 +29,7 @@ from rich.table import Table
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath
+from labyrinth_core.version import build_versions
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
@@ -49,7 +50,6 @@ from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held, new_file
 from pipeline.machinery.markdown import count
-from pipeline.machinery.versions import build_versions
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""

@@ -22,6 +22,7 @@ from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifes
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import is_litter
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
@@ -46,7 +47,6 @@ from pipeline.inspection.companions import companions
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.versions import build_versions
 
 PROBLEMS_SHOWN = 20
 

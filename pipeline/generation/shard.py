@@ -26,6 +26,7 @@ from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from labyrinth_core.world import Episode, Labyrinth, State
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import Solution, numbered_labyrinths
@@ -38,7 +39,6 @@ from pipeline.generation.table import (
     value_array,
 )
 from pipeline.machinery.folders import new_file
-from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa

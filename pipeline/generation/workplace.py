@@ -18,10 +18,10 @@ from labyrinth_core.storage import (
     AnyPath,
     File,
 )
+from labyrinth_core.version import build_versions
 from pipeline.machinery.artifact import Ownership, differences, named
 from pipeline.machinery.folders import within
 from pipeline.machinery.sums import HASHES, Sums
-from pipeline.machinery.versions import build_versions
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)

@@ -27,10 +27,10 @@ from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.storage import File
 from pipeline.config.stage import Job
 from pipeline.inspection.front_matter import LICENCE, with_values
-from pipeline.machinery.markdown import count, plain, table, verbatim
+from pipeline.machinery.markdown import count, plain, table
 from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
-from pipeline.release.texts import citation, code, fill, paragraph
+from pipeline.release.texts import citation, code, fill, paragraph, verbatim
 
 
 @dataclass(frozen=True)

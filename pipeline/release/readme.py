@@ -14,9 +14,18 @@ from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery.markdown import count, meanings, plain, table, verbatim
+from pipeline.machinery.markdown import count, meanings, plain, table
 from pipeline.release.figures import BANNER, FIGURES, picture_path
-from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph, read
+from pipeline.release.texts import (
+    Release,
+    citation,
+    code,
+    command_lines,
+    fill,
+    paragraph,
+    read,
+    verbatim,
+)
 
 MOST_WORK = 2_000_000
 """The most labyrinths of test times their squared cells for which random steps are computed: the

@@ -20,9 +20,9 @@ from labyrinth_core import typed
 from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.version import build_versions
 from pipeline.config.stage import Job
 from pipeline.generation import built
-from pipeline.machinery.versions import build_versions
 from pipeline.season.files import private_folder, require_regular
 from pipeline.season.options import SeasonStageOptions
 

@@ -44,7 +44,7 @@ from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
 from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import each_minute, progress, say
+from pipeline.machinery.console import progress, say
 from pipeline.machinery.folders import held, within
 from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
@@ -299,5 +299,5 @@ def _reporting(
 
     with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
-        with each_minute(bars, bar, " epochs", lambda: seconds):
+        with bars.each_minute(bar, " epochs", lambda: seconds):
             yield report

@@ -19,6 +19,7 @@ import yaml
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.inspection.front_matter import LICENCE
+from pipeline.machinery.markdown import plain
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,12 @@ def code() -> str:
         return version
     commit, changed, _ = done.stdout.strip().partition("-dirty")
     return f"{version}, git commit `{commit}`{' with changes' if changed else ''}"
+
+
+def verbatim(text: object) -> str:
+    """Return a text as code that is safe in a table; as `plain` text if it has a backtick."""
+    shown = " ".join(str(text).split())
+    return plain(shown) if "`" in shown else "`" + shown.replace("|", r"\|") + "`"
 
 
 def read(name: str) -> str:
