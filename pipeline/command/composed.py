@@ -97,8 +97,7 @@ def default_of(each: Field[Any]) -> str:
     if each.default_factory is not MISSING:
         default = each.default_factory()["name"]
     if isinstance(default, tuple):
-        _, _, one_of, _ = each.metadata["checks"]
-        every = bool(default) and [*default] == one_of
+        every = bool(default) and [*default] == each.metadata["checks"].one_of
         if default and not isinstance(default[0], str):
             return f"[{','.join(map(str, default))}]"
         return "all" if every else ",".join(default)

@@ -68,9 +68,9 @@ def as_given(config: DictConfig, overrides: Iterable[str]) -> DictConfig:
         config: The configuration that Hydra composed.
         overrides: The overrides that it was composed from, as Hydra kept them.
     """
-    given = [*overrides]
-    quoted = [*map(quote_texts, given)]
-    if quoted == given:
+    typed = [*overrides]
+    quoted = [*map(quote_texts, typed)]
+    if quoted == typed:
         return config
     config = deepcopy(config)
     groups = {name.partition(".")[0] for name in KINDS if "." in name}

@@ -7,8 +7,8 @@ docs/options.md and the checks.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
-from dataclasses import field, fields, is_dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, is_dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
@@ -20,6 +20,16 @@ Options = TypeVar("Options")
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
 _DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6")
 """Patterns of values, and what they allow in words."""
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the declaration of an option allows; the fields are the arguments of `option`."""
+
+    at_least: float | None
+    at_most: float
+    one_of: Sequence[object]
+    like: tuple[str, str] | None
 
 
 def option(
@@ -47,7 +57,7 @@ def option(
         is_dataset: Whether the value is a folder of datasets or an id on the Hub, with a config.
     """
     like = _LOCAL_FOLDER if is_local_folder else _DATASET if is_dataset else like
-    metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
+    metadata = {"meaning": meaning, "checks": Checks(at_least, at_most, [*one_of], like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -122,7 +132,8 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             continue
         if "checks" not in each.metadata:
             continue
-        low, high, one_of, like = each.metadata["checks"]
+        checks: Checks = each.metadata["checks"]
+        low, one_of, like = checks.at_least, checks.one_of, checks.like
         name, value, kind = group + each.name, getattr(options, each.name), kinds[each.name]
         if kind is bool:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
@@ -137,8 +148,9 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
         elif low is not None and (value is not None or kind in (int, float)):
             number = type(value) is int or (kind is float and isinstance(value, float))
             what = "a number" if kind is float else "a whole number"
+            high = checks.at_most
             limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
-            others = f", or {', '.join(one_of)}" if one_of else ""
+            others = f", or {', '.join(map(str, one_of))}" if one_of else ""
             check(
                 value in one_of or (number and low <= value <= high and value != inf),
                 f"{name}={value}: give {what}{limits}{others}",

@@ -87,10 +87,10 @@ class Bars(Progress):
                 line = f"{task.description}: {task.completed:,.0f} of {total:,.0f}{unit}"
                 seconds = spent() if spent is not None else task.elapsed
                 if seconds and task.completed:
-                    left = timedelta(
+                    remaining = timedelta(
                         seconds=ceil(seconds / task.completed * (total - task.completed))
                     )
-                    line += f", {left} left"
+                    line += f", {remaining} left"
                 say(line)
 
         teller = Thread(target=tell, daemon=True)

@@ -91,10 +91,10 @@ def cluster(executor: str, workers: int) -> Iterator[None]:
         install = "pip install 'labyrinth-datasets[dask]'"
         raise ConfigError(f"executor={executor} needs dask: {install}") from error
     with ExitStack() as stack:
-        there = _Dask(None if executor == "dask" else executor, stack)
-        if there.address is not None:
-            there.provide(workers)
-        token = _cluster.set(there)
+        dask = _Dask(None if executor == "dask" else executor, stack)
+        if dask.address is not None:
+            dask.provide(workers)
+        token = _cluster.set(dask)
         try:
             yield
         finally:
@@ -107,11 +107,11 @@ def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
 
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
-    place: Any = address
+    target: Any = address
     if address is not None:
         _connect(address)  # If nothing listens, the client would end in a traceback.
     else:
-        place = stack.enter_context(
+        target = stack.enter_context(
             distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -119,7 +119,7 @@ def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
                 silence_logs=logging.ERROR,
             )
         )
-    return stack.enter_context(distributed.Client(place, set_as_default=False))
+    return stack.enter_context(distributed.Client(target, set_as_default=False))
 
 
 def _connect(address: str) -> None:
@@ -152,10 +152,10 @@ def ordered_map(
     """
     if isinstance(items, Sized):
         workers = min(workers, len(items))
-    there = _cluster.get()
-    if there is not None and workers:
-        there.provide(workers)
-        there.wait_for_worker()
+    dask = _cluster.get()
+    if dask is not None and workers:
+        dask.provide(workers)
+        dask.wait_for_worker()
     elif workers <= 1:
         yield from map(function, items)
         return
@@ -171,14 +171,14 @@ def ordered_map(
             errors.append(error)
 
     # Local workers do not notice by themselves that their parent was killed.
-    own = {} if there else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
+    own = {} if dask else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
     try:
         parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
         with ctrl_c_held_back():  # It starts the processes.
             results = parallel(feed())
     except OSError as error:
-        if there:
-            raise ConfigError(f"{there.name}: {one_line(error):.300}") from error
+        if dask:
+            raise ConfigError(f"{dask.name}: {one_line(error):.300}") from error
         raise ConfigError(
             f"workers={workers}: processes cannot be started ({one_line(error):.200}): they need "
             "shared memory, /dev/shm on Linux, and a folder for temporary files"
@@ -186,7 +186,7 @@ def ordered_map(
     try:
         with closing(results):
             yield from results
-    except _losses(there) as error:
+    except _losses(dask) as error:
         raise DatasetError(
             "a worker was lost, perhaps for lack of memory: try fewer workers; " + GOES_ON
         ) from error
@@ -194,9 +194,9 @@ def ordered_map(
         raise errors[0]
 
 
-def _losses(there: _Dask | None) -> tuple[type[Exception], ...]:
+def _losses(dask: _Dask | None) -> tuple[type[Exception], ...]:
     """Return the exceptions that mean that a worker was lost."""
-    if there is None:
+    if dask is None:
         return (BrokenExecutor,)
     import distributed
 

@@ -86,8 +86,8 @@ def held(folder: AnyPath, name: str) -> Iterator[bool]:
         try:
             stack.enter_context(LocalFile(folder / f".{name}.lock").locked(say_so))
             is_locked = True
-            for left in LocalFile.temporaries(folder, [name]):
-                File(left).remove()
+            for unfinished in LocalFile.temporaries(folder, [name]):
+                File(unfinished).remove()
         except OSError:  # Reported by the caller, or the file system has no locks.
             pass
         yield is_locked

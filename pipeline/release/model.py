@@ -26,7 +26,7 @@ from labyrinth_core.policies.load import load_policy
 from labyrinth_core.policies.record import read_run, trained_run
 from labyrinth_core.storage import File
 from pipeline.config.stage import Job
-from pipeline.inspection.front_matter import LICENCE, with_values
+from pipeline.inspection import front_matter
 from pipeline.machinery.markdown import count, plain, table
 from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
@@ -71,8 +71,8 @@ def published_dataset(job: Job[PublishStageOptions], *, is_unseen: bool) -> tupl
     if is_unseen:
         return 40 * "0", Dataset.at(job.folder).manifest
     repo_id, revision = job.options.dataset_on_hub
-    found = Dataset(repo_id, job.dataset.name, revision)
-    return str(found.commit), found.manifest
+    dataset = Dataset(repo_id, job.dataset.name, revision)
+    return str(dataset.commit), dataset.manifest
 
 
 def stage_policy(
@@ -129,8 +129,8 @@ def _results(
     record = read_run(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    there = trained_run(record)
-    if (there.training, there.settings) != (made_by.training, made_by.settings):
+    run = trained_run(record)
+    if (run.training, run.settings) != (made_by.training, made_by.settings):
         raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
     return results, made_by, record
 
@@ -168,7 +168,7 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
         for name, value in (("SPL", scores.spl), ("SR", scores.sr))
     ]
     data = ModelCardData(
-        license=LICENCE,
+        license=front_matter.LICENCE,
         library_name="labyrinth-datasets",
         pipeline_tag="reinforcement-learning",
         datasets=[dataset],
@@ -210,7 +210,7 @@ def _card(trained: Trained) -> str:
         code=code(),
         citation=citation(),
     )
-    return with_values(_front_matter(trained), text)
+    return front_matter.with_values(_front_matter(trained), text)
 
 
 def _sees(spec: PolicySpec) -> str:

@@ -18,7 +18,7 @@ import yaml
 
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.inspection.front_matter import LICENCE
+from pipeline.inspection import front_matter
 from pipeline.machinery.markdown import plain
 
 
@@ -31,7 +31,7 @@ class Release:
     version: str | None = None
     export: str | None = None
     """The id of its export on the Hub, if the same command publishes one."""
-    licence: str = LICENCE
+    licence: str = front_matter.LICENCE
     """The licence that the card names, as the Hub spells it."""
 
     @property
