@@ -23,10 +23,10 @@ from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.version import build_versions
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.folders import held
-from pipeline.machinery.versions import build_versions
 from pipeline.season.options import SeasonStageOptions
 
 PRIVATE = "labyrinth-season-"

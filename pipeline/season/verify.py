@@ -8,11 +8,11 @@ from typing import Any
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
+from labyrinth_core.version import build_versions
 from pipeline.config.stage import Job
 from pipeline.machinery.console import say
 from pipeline.machinery.markdown import table
 from pipeline.machinery.sums import HASHES, Sums
-from pipeline.machinery.versions import build_versions
 from pipeline.season.commitment import Layout, Season, dataset, has_sha256
 from pipeline.season.judge import Row, check_row, judged, read_list, shown
 from pipeline.season.options import SeasonStageOptions
