@@ -12,7 +12,7 @@ from lerobot.configs.policies import PreTrainedConfig
 from lerobot.policies.factory import get_policy_class, make_pre_post_processors
 
 from labyrinth_core import evaluate
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 
 
 class LeRobotPolicy:

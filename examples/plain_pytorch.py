@@ -10,7 +10,7 @@ from torch import nn
 from torch.utils.data import BatchSampler, DataLoader, RandomSampler
 
 from labyrinth_core import Dataset, evaluate
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 
 
 class Network(nn.Module):

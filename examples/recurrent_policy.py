@@ -11,7 +11,7 @@ from torch import nn
 from torch.nn.utils.rnn import pad_sequence
 
 from labyrinth_core import evaluate, load_episodes
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 
 
 class Recurrent(nn.Module):

@@ -17,25 +17,25 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.benchmarks.certification import certify as certify
     from labyrinth_core.data.datasets import Dataset as Dataset
     from labyrinth_core.data.datasets import Selection as Selection
-    from labyrinth_core.data.errors import DatasetError as DatasetError
     from labyrinth_core.data.load import load_episodes as load_episodes
     from labyrinth_core.data.load import load_transitions as load_transitions
     from labyrinth_core.data.stream import stream_episodes as stream_episodes
     from labyrinth_core.data.stream import stream_transitions as stream_transitions
     from labyrinth_core.env import LabyrinthEnv as LabyrinthEnv
+    from labyrinth_core.errors import DatasetError as DatasetError
     from labyrinth_core.evaluation.answers import PolicyError as PolicyError
     from labyrinth_core.evaluation.compare import compare as compare
     from labyrinth_core.evaluation.evaluate import evaluate as evaluate
+    from labyrinth_core.evaluation.evaluate import memorised as memorised
     from labyrinth_core.evaluation.labyrinth_arrays import load_arrays as load_arrays
-    from labyrinth_core.evaluation.memorised import memorised as memorised
-    from labyrinth_core.evaluation.questions import question as question
-    from labyrinth_core.evaluation.written_routes import score_answer as score_answer
     from labyrinth_core.language.source_text import LabyrinthSyntaxError as LabyrinthSyntaxError
     from labyrinth_core.language.text import dump as dump
     from labyrinth_core.language.text import parse as parse
     from labyrinth_core.pictures.renderer import render as render
     from labyrinth_core.policies.load import load_policy as load_policy
     from labyrinth_core.policies.opening import open_policy as open_policy
+    from labyrinth_core.questions.questions import question as question
+    from labyrinth_core.questions.written_routes import score_answer as score_answer
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.rules import Action as Action
     from labyrinth_core.world.rules import LabyrinthError as LabyrinthError
@@ -49,7 +49,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
 _HOMES = {
     "Action": "world.rules",
     "Dataset": "data.datasets",
-    "DatasetError": "data.errors",
+    "DatasetError": "errors",
     "Labyrinth": "world.labyrinth",
     "LabyrinthEnv": "env",
     "LabyrinthError": "world.rules",
@@ -66,14 +66,14 @@ _HOMES = {
     "load_episodes": "data.load",
     "load_policy": "policies.load",
     "load_transitions": "data.load",
-    "memorised": "evaluation.memorised",
+    "memorised": "evaluation.evaluate",
     "open_policy": "policies.opening",
     "optimal_actions": "world.solver",
     "parse": "language.text",
-    "question": "evaluation.questions",
+    "question": "questions.questions",
     "render": "pictures.renderer",
     "sample_labyrinth": "world.tasks",
-    "score_answer": "evaluation.written_routes",
+    "score_answer": "questions.written_routes",
     "shortest_route": "world.solver",
     "stream_episodes": "data.stream",
     "stream_transitions": "data.stream",

@@ -26,10 +26,9 @@ from unittest.mock import patch
 from measuring import cpu_seconds, forget, machine, parser_of, ratio, run_command, take_turns
 from PIL import Image
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
+from labyrinth_core.world import Labyrinth, State
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.generation.shard import Pictures

@@ -33,8 +33,7 @@ import numpy as np
 from measuring import machine, parser_of, per_second, report, take_turns
 
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Task, sample_labyrinth
 
 MINIGRID = "MiniGrid-Empty-8x8-v0"
 LABYRINTH = "labyrinth_core.env:Labyrinth-v0"

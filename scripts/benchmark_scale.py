@@ -29,8 +29,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from measuring import machine
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import Shard
+from labyrinth_core.errors import DatasetError
 from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
 from pipeline.generation import build

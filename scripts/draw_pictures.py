@@ -14,11 +14,7 @@ import numpy as np
 from playwright.sync_api import sync_playwright
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.rules import LabyrinthError, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import Placer, default_start_and_goal
+from labyrinth_core.world import Episode, Placer, Solver, Structure, Task
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
 from pipeline.report import report
@@ -30,12 +26,9 @@ SEED = 4
 def optimal_episode(task: Task, size: int) -> Episode:
     """Return an optimal episode that is not too short."""
     rng = np.random.default_rng(SEED)
-    for structure in sample_structures(size, size, rng):
-        try:
-            labyrinth = Placer(rng).place(structure, *default_start_and_goal(size, size), task)
-        except LabyrinthError:
-            continue
-        episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
+    structures = Structure.sample(size, size, rng)
+    for labyrinth in Placer(rng).labyrinths(structures, task, (0, size * size - 1)):
+        episode = labyrinth.replay(Solver(labyrinth).shortest_route(rng))
         if len(episode) >= 2 * size:
             return episode
     raise AssertionError("the sampler never ends")

@@ -29,8 +29,8 @@ from kill_matrix import clear_memory, finish, hashes, started
 
 from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import HASHES
-from pipeline.season.commitment import Place, Season
+from pipeline.machinery.sums import HASHES
+from pipeline.season.commitment import Layout, Season
 from pipeline.season.options import SeasonOptions, SeasonStageOptions
 
 POLICY = Path(__file__).parents[1] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
@@ -101,7 +101,7 @@ def ends_right(stage: str, folder: Path, names: dict[str, str]) -> bool:
     """Return whether a stage has left the files of an uninterrupted one, and no others."""
     found = hashes(folder / "seasons")
     if stage == "season":
-        place = Place(folder / "seasons" / NAME)
+        place = Layout(folder / "seasons" / NAME)
         Season.read(place).require_secret(place.secret)
         same = found.keys() == names.keys()
     else:

@@ -1,7 +1,7 @@
 """Print what ties the rooms of the project together, and how far a command reaches through them.
 
     python scripts/measure_structure.py           # the names, from the source
-    python scripts/measure_structure.py --run     # also what a build and the main job execute
+    python scripts/measure_structure.py --run     # also what some stages execute
 
 A room is a folder of a package, such as `pipeline.training`. A name crosses a door if a file of
 another room imports it. `tests/test_architecture.py` holds these figures as ceilings.
@@ -22,11 +22,20 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("labyrinth_core", "pipeline")
 
+SMALL = ["size=3", "labyrinths=4"]
+TRAINED = [*SMALL, "stages=[build,train]", "method.epochs=1"]
+SEASON = ["size=3", "labyrinths=16", "season.name=a", "season.date=2026-01-01"]
 RUNS = {
-    "stages=build": ["size=3", "labyrinths=4", "stages=build"],
-    "main job": ["size=3", "labyrinths=4"],
+    "stages=build": [[*SMALL, "stages=build"]],
+    "main job": [SMALL],
+    "stages=evaluate": [TRAINED, [*SMALL, "stages=evaluate"]],
+    "stages=judge": [
+        TRAINED,
+        [*SEASON, "stages=season"],
+        [*SEASON, "stages=judge", "season.submission=runs/3x3/bc-cnn-seed0"],
+    ],
 }
-"""What is executed -> its options."""
+"""What is executed -> the options of each command, the last of which is measured."""
 
 _PROFILED = """
 import inspect, json, sys
@@ -145,12 +154,17 @@ def _called_once(tree: ast.Module) -> int:
     return sum(used[name] == 1 for name in private if not name.startswith("__"))
 
 
-def executed(options: list[str]) -> tuple[int, int, int]:
-    """Return the files and functions of ours that a command executes, and the deepest call."""
+def executed(commands: list[list[str]]) -> tuple[int, int, int]:
+    """Return the files and functions of ours that the last command executes, and the deepest call.
+
+    Args:
+        commands: The options of each command; they run in one new folder.
+    """
     with tempfile.TemporaryDirectory() as folder:
         out = Path(folder, "figures.json")
-        command = [sys.executable, "-c", _PROFILED, str(ROOT), str(out), *options]
-        subprocess.run(command, cwd=folder, check=True, capture_output=True)
+        for options in commands:
+            command = [sys.executable, "-c", _PROFILED, str(ROOT), str(out), *options]
+            subprocess.run(command, cwd=folder, check=True, capture_output=True)
         files, functions, depth = json.loads(out.read_text(encoding="utf-8"))
     return files, functions, depth
 
@@ -158,7 +172,7 @@ def executed(options: list[str]) -> tuple[int, int, int]:
 def main() -> None:
     """Print the figures."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("--run", action="store_true", help="also execute a build and the main job")
+    parser.add_argument("--run", action="store_true", help="also execute some stages, in minutes")
     asked = parser.parse_args()
     measured = structure()
     print(f"names that cross the doors of rooms            {measured.crossing:>6}")
@@ -166,8 +180,8 @@ def main() -> None:
     print(f"modules of ours that a file imports, on average{measured.modules_per_file:>6}")
     print(f"names inside rooms that tests import           {measured.in_tests:>6}")
     print(f"private functions that are named once          {measured.called_once:>6}")
-    for name, options in RUNS.items() if asked.run else ():
-        files, functions, depth = executed(options)
+    for name, commands in RUNS.items() if asked.run else ():
+        files, functions, depth = executed(commands)
         print(f"{name}: {files} files, {functions} functions, {depth} calls deep")
 
 

@@ -18,7 +18,7 @@ import pytest
 from hypothesis import HealthCheck, settings
 from support.making import Run, build_dataset, run_of
 
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 settings.register_profile(
     "house",

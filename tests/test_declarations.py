@@ -20,19 +20,16 @@ from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
 from labyrinth_core import Dataset
-from labyrinth_core.data.format import COLUMNS, OTHERS
+from labyrinth_core.data import COLUMNS, SPLITS
+from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.env.observation import PLAYED
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
 from labyrinth_core.pictures.observations import KINDS
 from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Style
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, Look, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import PLACEMENTS, sample_labyrinth
+from labyrinth_core.world import TILES, Labyrinth, Look, Solver, Task, sample_labyrinth
+from labyrinth_core.world.tasks import PLACEMENTS
 from pipeline.generation.labyrinths import NEW_STRUCTURES
 from pipeline.generation.shard import Fingerprint, render
 from pipeline.generation.shifts import SELECTED_SHIFTS
@@ -110,7 +107,7 @@ def test_a_task_says_what_it_needs_and_how_it_is_placed(task: Task) -> None:
 def test_a_column_of_numbers_is_in_the_fingerprint(place: int) -> None:
     rng = np.random.default_rng(0)
     labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, rng)
-    episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
+    episode = labyrinth.replay(Solver(labyrinth).shortest_route(rng))
     rows = [row for part in render("train", 0, "", [episode]) for row in part]
     numbers = list(rows[1].numbers)
     numbers[place] = (

@@ -16,11 +16,10 @@ import yaml
 
 import labyrinth_core
 from labyrinth_core import __version__
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.rules import Task
+from labyrinth_core.questions import QUESTION_COLUMNS
+from labyrinth_core.world import Task
 from pipeline.command.composed import DEFAULTS, OPTIONS
 
 ROOT = Path(__file__).parents[1]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.data import SPLITS
+from labyrinth_core.evaluation import Results
 
 pytestmark = pytest.mark.slow
 

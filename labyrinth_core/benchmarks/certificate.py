@@ -13,7 +13,7 @@ from labyrinth_core.benchmarks.errors import CertifyError
 from labyrinth_core.benchmarks.figures import Figures
 from labyrinth_core.benchmarks.levels import Share
 from labyrinth_core.benchmarks.records import json_lines, parquet, rows_of
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 
 FORMAT = 1
 """The format of a certificate's JSON."""

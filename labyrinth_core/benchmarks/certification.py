@@ -33,7 +33,7 @@ from labyrinth_core.benchmarks.seeds import Seeds, evenly, seeds_of, text_of
 from labyrinth_core.benchmarks.spread import MOST_SEEDS, Ranges
 from labyrinth_core.language.source_text import printable
 
-CHUNK = 50
+CHUNK = 100
 """The number of seeds that are looked at in one environment."""
 MEASURES = ("first", "probes", "state")
 

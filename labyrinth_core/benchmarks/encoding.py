@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.errors import FAILURES, EnvironmentFailure
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 DIGEST_BYTES = 8
 SHOWN_VALUES = 8

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 FAILURES = (Exception, SystemExit)
 """What the code of others may raise, which is not a failure of ours."""

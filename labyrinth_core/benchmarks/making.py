@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, packages_distributions, ver
 from typing import Any
 
 from labyrinth_core.benchmarks.errors import FAILURES, CertifyError
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 StateOf = Callable[[Any], Any]
 """Environment -> everything that determines how its episode goes on, as `encode` takes it."""

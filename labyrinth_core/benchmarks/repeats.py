@@ -26,7 +26,7 @@ import numpy as np
 from labyrinth_core.benchmarks.encoding import leaves
 from labyrinth_core.benchmarks.episodes import Protocol, Stage, steps_of
 from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 
 CHECKED = 8
 """The number of seeds that are played again."""

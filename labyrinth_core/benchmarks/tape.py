@@ -38,6 +38,8 @@ class Tape:
         """The place among the parts of the first observation of each episode."""
         self._run = _Run(0)
         self._runs = [self._run]
+        self._reward: tuple[object, bytes, bytes] = object(), b"", b""
+        """The last reward, if another can be the same object; its bytes; those of a usual step."""
 
     @property
     def size(self) -> int:
@@ -61,7 +63,7 @@ class Tape:
         """
         # All in one loop and in local variables: a step of CartPole takes 6 microseconds.
         array, add = np.ndarray, self._parts.append
-        run, last, code, usual = self._run, object(), b"", b""
+        run, (last, code, usual) = self._run, self._reward
         dtype, shape, opening = run.dtype, run.shape, run.opening
         for action in actions:
             try:
@@ -76,6 +78,8 @@ class Tape:
                 last = reward if type(reward) in (float, int) else object()
             if goes_on:
                 closing = usual
+            elif terminated is True and truncated is False:
+                closing = code + b"TF)"
             else:
                 closing = b"%s%s%s)" % (code, encode(terminated), encode(truncated))
             if (
@@ -92,6 +96,7 @@ class Tape:
                 dtype, shape, opening = run.dtype, run.shape, run.opening
             if ended:
                 break
+        self._reward = last, code, usual
 
     def _add(self, observation: Any, opening: bytes, closing: bytes) -> None:
         run = self._run

@@ -15,7 +15,7 @@ from labyrinth_core.language.source_text import (
     printable_line,
 )
 from labyrinth_core.version import __version__
-from labyrinth_core.world.rules import LabyrinthError, Task
+from labyrinth_core.world import LabyrinthError, Task
 
 ROUTES = 1_000
 """The default limit of `solve --all`."""

@@ -13,7 +13,6 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.data.storage import File, LocalFile
 from labyrinth_core.language.collection import KINDS, is_collection
 from labyrinth_core.language.drawing import ROUTE, draw_text
 from labyrinth_core.language.edge_list import parse_edges
@@ -27,13 +26,17 @@ from labyrinth_core.language.source_text import (
 from labyrinth_core.language.text import dump, parse, parse_sketch
 from labyrinth_core.pictures.animation import frames_of, gif
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth, Sketch
-from labyrinth_core.world.rules import Action
-from labyrinth_core.world.sampling import ALGORITHMS
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import default_start_and_goal, sample_labyrinth
+from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.world import (
+    ALGORITHMS,
+    Action,
+    Episode,
+    Labyrinth,
+    Sketch,
+    Solver,
+    Structure,
+    sample_labyrinth,
+)
 
 COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
 """The colour of each character on a terminal, as parameters of the SGR sequence (ECMA-48)."""
@@ -54,7 +57,7 @@ def _load(options: Namespace, file: str | None = None) -> Labyrinth:
 
 
 def _optimal(labyrinth: Labyrinth) -> Episode:
-    return replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(0)))
+    return labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(0)))
 
 
 def _counted(number: int, noun: str) -> str:
@@ -181,9 +184,8 @@ def _new(options: Namespace) -> int:
     if options.blank:
         if options.sampler != "wilson" or (options.open_walls, options.seed) != (None, None):
             raise RequestError("--blank needs no --sampler, --open-walls or --seed")
-        ends = default_start_and_goal(height, width)
-        blank = Sketch(Structure.without_walls(height, width), *ends, options.task)
-        sys.stdout.write(dump(blank))
+        structure = Structure.without_walls(height, width)
+        sys.stdout.write(dump(Sketch(structure, *structure.default_ends, options.task)))
         return 0
     labyrinth = sample_labyrinth(
         height,

@@ -13,10 +13,7 @@ from labyrinth_core.command.arguments import RequestError
 from labyrinth_core.language.collection import KINDS, Entry, read_collection
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import default_start_and_goal
+from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 
 PROBLEMS_SHOWN = 10
 """The most problems to print."""
@@ -61,7 +58,7 @@ def _text(entry: Entry) -> str:
     if found is None:
         return ""
     if isinstance(found, Structure):
-        found = Labyrinth(found, *default_start_and_goal(found.height, found.width))
+        found = Labyrinth(found, *found.default_ends)
     return dump(found)
 
 

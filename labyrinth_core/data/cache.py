@@ -25,10 +25,10 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import LocalFile
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """Environment variable that limits all caches in a folder, in gigabytes; its default."""

@@ -6,31 +6,35 @@ The table of labyrinths is the index: it gives the rows of each labyrinth.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.episodes import WholeEpisodes, grouped
-from labyrinth_core.data.format import GROUP_BYTES
+from labyrinth_core.data.episodes import Episodes, WholeEpisodes, grouped, replayed
+from labyrinth_core.data.format import GROUP_BYTES, Columns
 from labyrinth_core.data.location import download, explained, local_folder
-from labyrinth_core.data.manifest import (
-    Manifest,
-    Shard,
-    replaced,
-    table_file,
-    table_groups,
+from labyrinth_core.data.manifest import Manifest, Shard, replaced
+from labyrinth_core.data.rows import (
+    Rows,
+    each_read,
+    group_ends,
+    opened,
+    opened_in_place,
+    rows_together,
 )
-from labyrinth_core.data.rows import Rows, group_ends, opened, opened_in_place, rows_together
 from labyrinth_core.data.selection import Filter as Filter
 from labyrinth_core.data.selection import Spans, Step, ends_of, select
-from labyrinth_core.data.storage import AnyPath, RemotePath
+from labyrinth_core.data.table import table_file, table_groups
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -72,6 +76,24 @@ class ShardFile(NamedTuple):
         with self.opened() as file:
             groups = range(file.num_row_groups)
             yield from rows_together(file, groups, self.path, pictures=pictures)
+
+    def records(self, columns: Columns, rows: int) -> Iterator[dict[str, Any]]:
+        """Yield the rows of a file with these columns as dictionaries, reading `rows` at a time.
+
+        Raises:
+            DatasetError: The file is missing, damaged, or has other columns.
+        """
+        import pyarrow as pa
+
+        with self.opened() as file:
+            # The types in the file: some columns are read as dictionaries.
+            schema = file.schema.to_arrow_schema()
+            if not schema.equals(columns.arrow_schema(), check_metadata=False):
+                names = ", ".join(column.name for column in columns)
+                raise DatasetError(f"{self.path}: its columns are not {names}")
+            # Converted as they are read, since a text may not be UTF-8.
+            batches = map(pa.RecordBatch.to_pylist, file.iter_batches(rows))
+            yield from chain.from_iterable(each_read(batches, self.path))
 
     def episodes(self) -> Iterator[WholeEpisodes]:
         """Yield the episodes without pictures, some at a time; raise DatasetError as `rows`."""
@@ -174,6 +196,10 @@ class Part:
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
 
+    def replayed(self, *, pictures: bool) -> Generator[Episodes]:
+        """Yield the episodes, replayed many at a time; see `episodes.replayed`."""
+        return replayed(self.rows(pictures=pictures), self.config)
+
     def units(self, file: ParquetFile, number: int) -> tuple[list[range], NDArray[np.int64]]:
         """Divide a shard into units, the smallest runs of row groups that no episode crosses.
 
@@ -219,10 +245,10 @@ class Source:
         """The commit on the Hub from which everything is read; None for a folder."""
         if self.local is not None:
             return None
-        from labyrinth_core.data.hub import commit_of
+        from labyrinth_core import hub
 
         with explained(str(self.source), self.revision):
-            return commit_of(str(self.source), "dataset", self.revision)
+            return hub.commit_of(str(self.source), "dataset", self.revision)
 
     def locate(self, files: Iterable[str]) -> AnyPath:
         """Return the folder with the manifest and the files that match names or patterns.

@@ -11,9 +11,7 @@ from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import ALGORITHMS, Structure, Task
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
 """The sets of routes that a dataset may demonstrate in each labyrinth."""

@@ -21,13 +21,14 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Query, Source
+from labyrinth_core.data.location import folder_of
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
 from labyrinth_core.data.splits import SPLITS, is_of_train
-from labyrinth_core.data.storage import AnyPath
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.storage import AnyPath
+from labyrinth_core.world import Labyrinth
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -101,6 +102,15 @@ class Dataset(Source):
         found.local = folder
         found.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
         return found
+
+    @staticmethod
+    def is_folder(source: str | Path) -> bool:
+        """Return whether a source is a folder, here or in a store; else it is an id on the Hub.
+
+        Raises:
+            DatasetError: It is neither.
+        """
+        return folder_of(source) is not None
 
     @property
     def folder(self) -> AnyPath:
@@ -209,11 +219,8 @@ class Selection(Query):
     @cached_property
     def labyrinths(self) -> tuple[Labyrinth, ...]:
         """The labyrinths, in the order of the dataset."""
-        from labyrinth_core.data.episodes import replayed
-
-        part = self.part()
         held: dict[int, Labyrinth] = {}
-        for block in replayed(part.rows(pictures=False), part.config):
+        for block in self.part().replayed(pictures=False):
             for number, labyrinth in zip(block.ids.tolist(), block.parsed(), strict=True):
                 held.setdefault(number, labyrinth)
         return tuple(held.values())

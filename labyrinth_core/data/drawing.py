@@ -10,39 +10,16 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache, partial
 from itertools import count, islice
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import (
-    MAX_DRAWS,
-    Placer,
-    default_start_and_goal,
-)
+from labyrinth_core.world import Episode, Labyrinth, LabyrinthError, Placer, Solver, Structure
 
 _PLACING, _ACTING, _DRAWING = 0, 1, 2
 """The purposes of a random generator: two for a structure, the last for a chunk of candidates."""
-
-
-class Solution(NamedTuple):
-    """The episodes of one labyrinth, at least one."""
-
-    episodes: list[Episode]
-    shortest: tuple[int, int]
-    """The number of moves of a shortest route, and the number of such routes."""
-
-    @property
-    def labyrinth(self) -> Labyrinth:
-        """The labyrinth, which all episodes share."""
-        return self.episodes[0].labyrinth
 
 
 @dataclass(frozen=True)
@@ -110,7 +87,7 @@ class Drawing:
                 and with any start and goal, which takes time; None for all.
         """
         key = (number, _DRAWING) if number else ()
-        structures = sample_structures(
+        structures = Structure.sample(
             self.config.height,
             self.config.width,
             np.random.default_rng(np.random.SeedSequence(self.config.seed, spawn_key=key)),
@@ -161,36 +138,20 @@ class Drawing:
         occur, those of train and validation never do. `splits.min_walls` is not enforced.
 
         Raises:
-            LabyrinthError: None of `MAX_DRAWS` structures in a row can hold the task.
+            LabyrinthError: None of 10,000 structures in a row can hold the task.
         """
         config = self.config
-        ends = default_start_and_goal(config.height, config.width)
-        structures = sample_structures(
+        structures = Structure.sample(
             config.height,
             config.width,
             rng,
             algorithm=config.sampler,
             open_walls=config.open_walls,
         )
-        placer, failed = Placer(rng), 0
-        for structure in structures:
-            if failed == MAX_DRAWS:
-                raise LabyrinthError(f"none of {failed:,} structures can hold task={config.task}")
-            failed += 1
-            if config.bucket_of(structure) == "test":
-                try:
-                    if config.goals == "varied":
-                        yield placer.any_ends(structure, config.task)
-                    else:
-                        yield placer.place(structure, *ends, config.task)
-                    failed = 0
-                except LabyrinthError:
-                    continue
-
-    def solve(self, split: str, labyrinth: Labyrinth) -> Solution:
-        """Return the `episodes` of a labyrinth, and the length and number of shortest routes."""
-        solver = Solver(labyrinth)
-        return Solution(self._episodes(split, solver), solver.moves_and_routes())
+        ends = None if config.goals == "varied" else (0, config.height * config.width - 1)
+        return Placer(rng).labyrinths(
+            structures, config.task, ends, lambda structure: config.bucket_of(structure) == "test"
+        )
 
     def episodes(self, split: str, labyrinth: Labyrinth) -> list[Episode]:
         """Return the episodes of a labyrinth, in order; the config selects the routes.
@@ -199,9 +160,10 @@ class Drawing:
             split: The split of the labyrinth; in `random` a random policy acts instead.
             labyrinth: The labyrinth to solve.
         """
-        return self._episodes(split, Solver(labyrinth))
+        return self.episodes_by(split, Solver(labyrinth))
 
-    def _episodes(self, split: str, solver: Solver) -> list[Episode]:
+    def episodes_by(self, split: str, solver: Solver) -> list[Episode]:
+        """Return the `episodes` of the labyrinth of a solver, which the caller uses further."""
         config, kind, labyrinth = self.config, SPLITS[split], solver.labyrinth
         # A shift that changes only pictures uses the randomness of its parent.
         drawn_for = kind.parent if kind.is_redrawn and kind.parent else split
@@ -209,11 +171,11 @@ class Drawing:
         if split == "random":
             return list(_random_episodes(labyrinth, make_rng(), config.random_steps))
         if config.noise:
-            return [replay(labyrinth, solver.erring_route(config.noise, make_rng()))]
+            return [labyrinth.replay(solver.erring_route(config.noise, make_rng()))]
         if config.solutions == "shortest":
-            return [replay(labyrinth, solver.shortest_route(make_rng))]
+            return [labyrinth.replay(solver.shortest_route(make_rng))]
         every = solver.simple_routes if config.solutions == "all" else solver.shortest_routes
-        return [replay(labyrinth, route) for route in every(config.solutions_limit)]
+        return [labyrinth.replay(route) for route in every(config.solutions_limit)]
 
 
 @lru_cache(maxsize=1)  # A structure is first asked whether it holds the task, then for all of it.
@@ -221,7 +183,7 @@ def _labyrinth(drawing: Drawing, split: str, structure: Structure) -> Labyrinth:
     config = drawing.config
     if config.goals == "varied":
         return Placer(drawing.rng(split, structure)).any_ends(structure, config.task)
-    start, goal = default_start_and_goal(config.height, config.width)
+    start, goal = structure.default_ends
     if not config.task.rules.tiles:  # Nothing is drawn.
         return Labyrinth(structure, start, goal, config.task)
     return Placer(drawing.rng(split, structure)).place(structure, start, goal, config.task)

@@ -15,16 +15,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError, one_line
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.many import parse_many
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.observations import ObservationSpec, PictureError
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Labyrinths, Solver
 
 PARSED_CELLS = 2**16
 """The cells of labyrinths that are parsed and replayed in one batch."""
@@ -130,6 +127,11 @@ class LoadedEpisode:
         return not self.terminated
 
     @property
+    def actions_of_states(self) -> NDArray[np.int64]:
+        """The action taken in each of the T + 1 states: -1 in the last, as in the column."""
+        return np.append(self.actions, NO_ACTION)
+
+    @property
     def beginning(self) -> tuple[int, int]:
         """The id of the labyrinth, and the index of its first state, see `state_index`."""
         labyrinth = parse(self.info)
@@ -173,8 +175,11 @@ class Episodes:
     """The index of each row's state, as in `Labyrinth.state_index`, shape (n,)."""
     over: NDArray[np.bool_]
     """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
-    ids: NDArray[np.int64]
-    """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
+        return np.array([int(labyrinth_id(text), 16) for text in self.texts], np.int64)
 
     @property
     def acting(self) -> NDArray[np.bool_]:
@@ -200,7 +205,6 @@ class Episodes:
             which,
             self.states[rows],
             self.over[rows],
-            self.ids[used],
         )
 
     def observed(
@@ -215,6 +219,8 @@ class Episodes:
         Raises:
             DatasetError: A picture is missing or cannot be decoded.
         """
+        if pictures is None and spec.observation == "image":
+            pictures = spec.memory(len(self.states))
         if spec.decodes:
             pngs = self.whole.rows.pngs
             assert pngs is not None
@@ -241,10 +247,10 @@ class Episodes:
 
     def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
         """Yield the episodes one by one, given each row's observation; all arrays are views."""
-        rows, firsts, lasts = self.whole
+        (rows, firsts, lasts), ids = self.whole, self.ids
         for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
             yield LoadedEpisode(
-                labyrinth_id=int(self.ids[self.which[first]]),
+                labyrinth_id=int(ids[self.which[first]]),
                 info=rows.texts[rows.info[first]],
                 observations=observations[first : last + 1],
                 actions=rows.actions[first:last],
@@ -293,7 +299,7 @@ def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[E
         one = whole.take(slice(place, place + 1))
         try:
             labyrinth = parse(one.rows.texts[one.rows.info[0]])
-            replay(labyrinth, one.rows.actions[:-1].tolist())
+            labyrinth.replay(one.rows.actions[:-1].tolist())
         except ValueError as error:
             reason = str(error).partition("\n")[0]
             raise DatasetError(f"an episode cannot be replayed: {reason}") from error
@@ -333,5 +339,4 @@ def _together(
     if replayed is None:
         return None
     of_row = np.repeat(which, whole.lasts - whole.firsts + 1)
-    ids = [int(labyrinth_id(text), 16) for text in texts]
-    return Episodes(whole, texts, labyrinths, of_row, *replayed, np.array(ids, np.int64))
+    return Episodes(whole, texts, labyrinths, of_row, *replayed)

@@ -31,13 +31,13 @@ from labyrinth_core.data.cache import (
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.rows import Rows
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import style_for
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Look
 
 
 class Transition(NamedTuple):
@@ -261,7 +261,7 @@ def transitions_in(
         found = _in_memory(part, spec)
     if not optimal:
         return found
-    blocks = replayed(part.rows(pictures=False), part.config)
+    blocks = part.replayed(pictures=False)
     acting = [block.optimal()[block.acting] for block in blocks]
     return replace(found, optimal=np.concatenate(acting))
 
@@ -314,7 +314,7 @@ def _observed(
         DatasetError: There is no episode, or a picture cannot be decoded.
     """
     first = 0
-    for episodes in _parts(part.rows(pictures=spec.decodes), spec, part.config):
+    for episodes in together(part.rows(pictures=spec.decodes), spec, part.config):
         end = first + len(episodes.states)
         own = None if pictures is None else pictures[first:end]
         steps, rows = np.flatnonzero(episodes.acting), episodes.whole.rows
@@ -332,10 +332,10 @@ def _observed(
         raise DatasetError("the split has no episodes")
 
 
-def _parts(
+def together(
     rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None
 ) -> Iterator[Episodes]:
-    """Yield the episodes of rows, in batches that are observed together."""
+    """Yield the episodes of rows, in blocks that are observed together; see `replayed`."""
     for block in replayed(rows, config):
         yield from block.parts(spec.together)
 
@@ -385,12 +385,5 @@ def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]
     """Yield the episodes that a query requests, in order; see `load_episodes`."""
     part = query.part()
     rows = part.rows(pictures=spec.decodes)
-    return (episode.copy() for episode in episodes_of(rows, spec, part.config))
-
-
-def episodes_of(
-    rows: Iterable[Rows], spec: ObservationSpec, config: DatasetConfig | None = None
-) -> Generator[LoadedEpisode]:
-    """Yield the episodes of rows, as views of shared arrays; see `replayed`."""
-    for episodes in _parts(rows, spec, config):
-        yield from episodes.loaded(episodes.observed(spec))
+    blocks = together(rows, spec, part.config)
+    return (episode.copy() for block in blocks for episode in block.loaded(block.observed(spec)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import fnmatch
-import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from itertools import chain
@@ -11,11 +10,9 @@ from pathlib import Path
 from posixpath import normpath
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError, readable
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, folder_at
-
-HUB_ID = re.compile(r"(?!.*(--|\.\.))\w[\w.-]*/\w[\w.-]*", re.ASCII)
+from labyrinth_core.data.manifest import Manifest, readable
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, folder_at
 
 
 def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
@@ -27,31 +24,45 @@ def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPa
     """
     if not isinstance(config, str):
         raise ValueError(f"config={config!r}: give a name, such as '5x5'")
+    folder = folder_of(source)
+    if folder is None:
+        return None
+    if revision is not None:
+        raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+    with readable(source):
+        has_episodes = _has_episodes(folder / config)
+        is_inside = not has_episodes and (folder / Manifest.FILE).is_file()
+        held = [] if has_episodes else [*map(str, folder.glob(f"*/{Manifest.FILE}"))]
+    if is_inside:
+        raise DatasetError(
+            f"{source} is the folder of the config {folder.name}: give the folder that "
+            f"holds it, {folder.parent}"
+        )
+    if not has_episodes:
+        raise _no_config(source, config, held)
+    return folder / config
+
+
+def folder_of(source: str | Path) -> AnyPath | None:
+    """Return the folder that a source of datasets names, or None for an id on the Hub.
+
+    Raises:
+        ValueError: The source has the wrong type.
+        DatasetError: It is neither a folder nor an id.
+    """
     try:
         folder = folder_at(source)
     except TypeError as error:
-        told = "give a folder, or an id such as user/labyrinth"
-        raise ValueError(f"source={source!r:.60}: {told}") from error
+        allowed = "give a folder, or an id such as user/labyrinth"
+        raise ValueError(f"source={source!r:.60}: {allowed}") from error
     except ValueError as error:
         raise DatasetError(str(error)) from error
     with readable(source):
-        is_dir = folder.is_dir()
-    if is_dir:
-        if revision is not None:
-            raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
-        with readable(source):
-            has_episodes = _has_episodes(folder / config)
-            is_inside = not has_episodes and (folder / Manifest.FILE).is_file()
-            there = [] if has_episodes else [*map(str, folder.glob(f"*/{Manifest.FILE}"))]
-        if is_inside:
-            raise DatasetError(
-                f"{source} is the folder of the config {folder.name}: give the folder that "
-                f"holds it, {folder.parent}"
-            )
-        if not has_episodes:
-            raise _no_config(source, config, there)
-        return folder / config
-    if not HUB_ID.fullmatch(str(source)):
+        if folder.is_dir():
+            return folder
+    from labyrinth_core import hub
+
+    if not hub.ID.fullmatch(str(source)):
         raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
     return None
 
@@ -61,7 +72,7 @@ def explained(source: str, revision: str | None) -> Iterator[None]:
     """Turn the errors of the Hub's client into a DatasetError, one line."""
     from huggingface_hub.errors import RevisionNotFoundError
 
-    from labyrinth_core.data.hub import UNAVAILABLE, reason_of
+    from labyrinth_core import hub
 
     try:
         yield
@@ -69,8 +80,10 @@ def explained(source: str, revision: str | None) -> Iterator[None]:
         raise
     except RevisionNotFoundError as error:
         raise DatasetError(_no_revision(source, revision)) from error
-    except UNAVAILABLE as error:
-        raise DatasetError(f"{why_unavailable(source, error)}: {reason_of(error)}") from error
+    except hub.UNAVAILABLE as error:
+        raise DatasetError(
+            f"{hub.why_unavailable(source, error)}: {hub.reason_of(error)}"
+        ) from error
 
 
 def download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
@@ -81,16 +94,16 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
     """
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import download, repeated, require_whole
+    from labyrinth_core import hub
 
     def downloaded(names: Iterable[str]) -> Path:
         paths = [normpath(f"{config}/{name}") for name in names]
-        return download(source, "dataset", commit, paths) / config
+        return hub.download(source, "dataset", commit, paths) / config
 
     with explained(source, commit):
         folder = downloaded([Manifest.FILE])
         if not _has_episodes(folder):
-            there = repeated(
+            there = hub.repeated(
                 lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
             )
             if f"{config}/{Manifest.FILE}" in there:
@@ -98,7 +111,7 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
                     f"{source}: the Hub lists {config}/{Manifest.FILE} but has it not"
                 )
             raise _no_config(source, config, (path for path in there if path.count("/") == 1))
-        require_whole(folder / Manifest.FILE)
+        hub.require_whole(folder / Manifest.FILE)
     if files:
         shards = [shard.path for shard in Manifest.read(folder).shards]
         named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
@@ -111,24 +124,14 @@ def _no_revision(source: str, revision: str | None) -> str:
     """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
     from huggingface_hub import HfApi
 
-    from labyrinth_core.data.hub import UNAVAILABLE, repeated
+    from labyrinth_core import hub
 
     message = f"{source} has no revision {revision}"
     try:
-        refs = repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
-    except UNAVAILABLE:
+        refs = hub.repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
+    except hub.UNAVAILABLE:
         return message
     return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
-
-
-def why_unavailable(source: str, error: Exception) -> str:
-    """Explain an error with which the Hub's client or `datasets` failed to provide a dataset."""
-    file = error.filename if isinstance(error, OSError) else None
-    if file is not None and not Path(file).resolve().is_relative_to(Path(source).resolve()):
-        return f"{source}: the cache of the Hub's client cannot be used (HF_HOME moves it)"
-    if Path(source).is_dir():
-        return f"{source} cannot be read"
-    return f"{source} is neither a folder (labyrinth-datasets makes one) nor available on the Hub"
 
 
 def _has_episodes(folder: AnyPath) -> bool:

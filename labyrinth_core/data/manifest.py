@@ -1,4 +1,4 @@
-"""The manifest, which describes a finished dataset, and the table of labyrinths beside it.
+"""The manifest, which describes a finished dataset, and the errors of reading its files.
 
 The manifest is written last, so a folder with a manifest is complete.
 
@@ -14,37 +14,48 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import asdict, dataclass, field
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
-from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
-from labyrinth_core.data.format import TABLE_COLUMNS, open_encoded
+from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.language.source_text import printable
+from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.language.source_text import printable
 
 if TYPE_CHECKING:
-    import pyarrow as pa
-    import pyarrow.parquet
+    from pyarrow.parquet import ParquetFile
 
 MOST = 10**15
 """The largest count that a manifest may hold."""
-MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
-"""The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
+AGAIN = "build it again with the same command, or download it again"
+"""Advice for a missing or damaged file of a dataset; a build makes such files again."""
+
 REBUILD = "build it again with overwrite=true, or download it again"
 """Advice for a dataset whose manifest is of no use."""
 Result = TypeVar("Result")
 FORMAT, FORMAT_OF_CHUNKS = 2, 3
 """The format of a manifest, and its format if structures come from several chunks of
 candidates."""
+
+
+ROW_GROUP = 256
+"""A row group with this many rows ends at the next end of an episode."""
+
+MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
+"""The most rows and uncompressed bytes of a row group; every picture has at least 512 bytes."""
+
+MOST_TEXTS = 16 << 20
+"""The most uncompressed bytes of `info` in a row group: ten times those at 300x300."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +92,42 @@ class Shard:
             raise ValueError(f"{shard.path} has {shard.rows} rows in {shard.bytes} bytes")
         return shard
 
+    def footer_problem(self, file: ParquetFile) -> str | None:
+        """Return why the footer of a file is not this shard's, before any row is read; else None.
+
+        A few bytes may decompress to any number of rows, and a row group is read as a whole.
+        """
+        rows = self.rows
+        footer = file.metadata
+        groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
+        if not rows == footer.num_rows == sum(group.num_rows for group in groups):
+            return f"rows {footer.num_rows}, but the manifest says {rows}"
+        for group in groups:
+            if group.num_rows > MOST_ROWS:
+                return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
+            if group.total_byte_size > MOST_BYTES:
+                return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
+            if group.total_byte_size <= MOST_TEXTS:
+                continue
+            columns = map(group.column, range(group.num_columns))
+            texts = (column for column in columns if column.path_in_schema == "info")
+            size = sum(column.total_uncompressed_size for column in texts)
+            if size > MOST_TEXTS:
+                return f"a row group has {size} bytes of texts, more than {MOST_TEXTS}"
+        return None
+
+    @staticmethod
+    def ends_group(rows: int, picture_bytes: int, action: int) -> bool:
+        """Return whether a writer ends a row group with a row.
+
+        Args:
+            rows: The number of rows in the group.
+            picture_bytes: The size of the last row's picture.
+            action: The last row's `actions`.
+        """
+        is_full = action == NO_ACTION and rows >= ROW_GROUP
+        return is_full or rows * picture_bytes >= GROUP_BYTES
+
 
 @dataclass(frozen=True)
 class TableFile:
@@ -94,10 +141,6 @@ class TableFile:
     def from_json(cls, values: Mapping[str, Any]) -> TableFile:
         """Return the table that `asdict` described; raise ValueError for anything else."""
         return cls(**_counted(values, cls, "a table"))
-
-
-_TABLE_KINDS = {column.name: column.feature["dtype"] for column in TABLE_COLUMNS}
-_TEXTS = [name for name, kind in _TABLE_KINDS.items() if kind == "string"]
 
 
 @cache
@@ -135,7 +178,7 @@ class Manifest:
     shards: tuple[Shard, ...]
     """The shards, in the order of splits and of rows."""
     labyrinths: TableFile | None = None
-    """The table of labyrinths; None in the manifest of a companion."""
+    """The table of labyrinths; None in the manifest of a companion, or before it is made."""
     format: int = FORMAT
     companions: Mapping[str, Manifest] = field(default_factory=dict)
     """The manifests of the configs that stages wrote beside the dataset about its labyrinths, files
@@ -148,13 +191,19 @@ class Manifest:
         config: DatasetConfig,
         versions: Mapping[str, str],
         shards: tuple[Shard, ...],
-        table: TableFile,
         *,
         in_one_chunk: bool,
     ) -> Manifest:
-        """Return the manifest of a new dataset; its format tells whether there was one chunk."""
+        """Return the manifest of a new dataset, which lacks its table; see `with_table`.
+
+        Its format tells whether there was one chunk of candidates.
+        """
         form = FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
-        return cls(config, versions, shards, table, form)
+        return cls(config, versions, shards, format=form)
+
+    def with_table(self, path: Path) -> Manifest:
+        """Return the manifest with a file as the table of labyrinths."""
+        return replace(self, labyrinths=TableFile(path.stat().st_size, File(path).sha256()))
 
     @property
     def table(self) -> TableFile:
@@ -299,97 +348,34 @@ def mended(path: AnyPath, check: Callable[[], Result]) -> Result:
     except DatasetError:
         if not isinstance(path, Path) or "snapshots" not in path.parts:
             raise
-        from labyrinth_core.data.hub import download_again
+        from labyrinth_core import hub
 
-        if not download_again(path):
+        if not hub.download_again(path):
             raise
     return check()
 
 
 @contextmanager
-def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Check and open the table of labyrinths, whose texts are read dictionary-encoded.
+def readable(place: object) -> Iterator[None]:
+    """Turn a read error inside the block into a DatasetError that names `place`.
 
-    Raises:
-        DatasetError: The table is missing or damaged, or the caller cannot read it.
-    """
-    path = folder / Manifest.TABLE
-    with unless_replaced(folder, manifest.table), ExitStack() as stack:
-        with readable(path):
-            local = stack.enter_context(File(path).local_copy())
-
-        def check() -> int:
-            with readable(path):
-                digest, size = File(local).sha256(), local.stat().st_size
-            if digest != manifest.table.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
-            return size
-
-        size = mended(path, check)
-        with readable(path):
-            file = stack.enter_context(open_encoded(local, _TEXTS))
-        if problem := table_problem(file, manifest, size):
-            raise DatasetError(f"{path} is damaged: {problem}")
-        yield file
-
-
-def table_problem(file: pyarrow.parquet.ParquetFile, manifest: Manifest, size: int) -> str | None:
-    """Return why a file cannot be the table of a dataset, before any row is read; None if it can.
-
-    Args:
-        file: The file.
-        manifest: The manifest of the dataset.
-        size: The size of the file in bytes.
-    """
-    kinds = {
-        field.name: str(getattr(field.type, "value_type", field.type))
-        for field in file.schema_arrow
-    }
-    if kinds != _TABLE_KINDS:
-        return "its columns are not those of a table of labyrinths"
-    rows, footer = sum(shard.labyrinths for shard in manifest.shards), file.metadata
-    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
-    if not rows == footer.num_rows == sum(group.num_rows for group in groups):
-        return f"{footer.num_rows} rows, but the manifest has {rows} labyrinths"
-    if rows > size:  # The ids alone take more.
-        return f"{rows} rows in {size} bytes"
-    if any(group.total_byte_size > MOST_TABLE_BYTES * (group.num_rows + 99) for group in groups):
-        return f"a row group has more than {MOST_TABLE_BYTES} bytes a row"
-    return None
-
-
-def table_groups(
-    folder: AnyPath, manifest: Manifest, columns: Sequence[str] | None = None
-) -> Iterator[pa.Table]:
-    """Yield the row groups of the table of labyrinths, all columns or some.
-
-    Raises:
-        DatasetError: The table is missing or damaged, or the caller cannot read it.
-    """
-    with table_file(folder, manifest) as file:
-        for group in range(file.num_row_groups):
-            with readable(folder / Manifest.TABLE):
-                table = file.read_row_group(group, columns)
-            yield decoded(table)
-
-
-def decoded(table: pa.Table) -> pa.Table:
-    """Return rows of the table of labyrinths with plain texts; raise DatasetError if one is long.
-
-    A few bytes may repeat a text of megabytes in every row.
+    Only calls of Arrow and of storage belong in the block. In code that works with their results,
+    a bug would pass for a damaged file.
     """
     import pyarrow as pa
-    import pyarrow.compute as pc
 
-    for place, name in enumerate(table.column_names):
-        column = table[name]
-        if pa.types.is_dictionary(column.type):
-            lengths = (
-                pc.max(pc.binary_length(chunk.dictionary)).as_py() for chunk in column.chunks
-            )
-            if max((length or 0 for length in lengths), default=0) > MOST_TEXT:
-                raise DatasetError(
-                    f"{Manifest.TABLE} {name}: a text has more than {MOST_TEXT} bytes"
-                )
-            table = table.set_column(place, name, column.cast(pa.string()))
-    return table
+    try:
+        yield
+    except (MemoryError, GeneratorExit):
+        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
+        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
+        raise
+    except Exception as error:
+        # Not imported here: without free file descriptors, the import would fail instead.
+        hub = sys.modules.get("huggingface_hub.errors")
+        of_hub = () if hub is None else (hub.HTTPError,)
+        if isinstance(error, FileNotFoundError):
+            raise DatasetError(f"{place} is missing: {AGAIN}") from error
+        if isinstance(error, (OSError, ValueError, pa.ArrowException, *of_hub)):
+            raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
+        raise

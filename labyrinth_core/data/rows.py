@@ -13,26 +13,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import AGAIN, DatasetError, one_line, readable
-from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, OTHERS, open_encoded
-from labyrinth_core.data.manifest import Shard, mended, unless_replaced
-from labyrinth_core.data.storage import AnyPath, File, RemotePath
+from labyrinth_core.data.format import BATCH_ROWS, COLUMNS, OTHERS, values_of
+from labyrinth_core.data.manifest import AGAIN, MOST_TEXTS, Shard, mended, readable, unless_replaced
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import AnyPath, File, RemotePath
 
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet
-
-BATCH_ROWS = 4096
-"""The rows read at once."""
-
-MOST_ROWS, MOST_BYTES = GROUP_BYTES // 512, 4 * GROUP_BYTES
-"""The most rows and uncompressed bytes of a row group; every picture has at least 512 bytes."""
-
-MOST_TEXTS = 16 << 20
-"""The most uncompressed bytes of `info` in a row group: ten times those at 300x300."""
-
-ENCODED = ("info", "obs.bytes", "obs.path")
-"""The columns that are read dictionary-encoded; see `open_encoded`."""
 
 _KINDS = {"i": int, "f": float, "b": bool}
 
@@ -91,39 +79,6 @@ def joined(blocks: Sequence[Rows]) -> Rows:
         np.concatenate(pngs) if pngs else None,
         {each.name: np.concatenate([b.others[each.name] for b in blocks]) for each in OTHERS},
     )
-
-
-def open_shard(path: Path) -> pyarrow.parquet.ParquetFile:
-    """Open a shard; `open_encoded` explains how, and its errors."""
-    return open_encoded(path, ENCODED)
-
-
-def footer_problem(file: pyarrow.parquet.ParquetFile, rows: int) -> str | None:
-    """Return why a footer cannot be that of a shard, before any row is read; None if it can.
-
-    A few bytes may decompress to any number of rows, and a row group is read as a whole.
-
-    Args:
-        file: The file.
-        rows: The number of rows in the manifest.
-    """
-    footer = file.metadata
-    groups = [footer.row_group(number) for number in range(footer.num_row_groups)]
-    if not rows == footer.num_rows == sum(group.num_rows for group in groups):
-        return f"rows {footer.num_rows}, but the manifest says {rows}"
-    for group in groups:
-        if group.num_rows > MOST_ROWS:
-            return f"a row group has {group.num_rows} rows, more than {MOST_ROWS}"
-        if group.total_byte_size > MOST_BYTES:
-            return f"a row group has {group.total_byte_size} bytes, more than {MOST_BYTES}"
-        if group.total_byte_size <= MOST_TEXTS:
-            continue
-        columns = map(group.column, range(group.num_columns))
-        texts = (column for column in columns if column.path_in_schema == "info")
-        size = sum(column.total_uncompressed_size for column in texts)
-        if size > MOST_TEXTS:
-            return f"a row group has {size} bytes of texts, more than {MOST_TEXTS}"
-    return None
 
 
 def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
@@ -200,7 +155,7 @@ def opened(folder: AnyPath, shard: Shard) -> Iterator[pyarrow.parquet.ParquetFil
             local = stack.enter_context(File(path).local_copy())
         before = mended(path, partial(_checked, local, shard, path))
         with readable(path):
-            file = stack.enter_context(open_shard(local))
+            file = stack.enter_context(COLUMNS.opened(local))
             after = _identity(local)
         if after != before:
             raise DatasetError(f"{path} has changed while it was opened: run this again")
@@ -232,7 +187,7 @@ def opened_in_place(path: RemotePath, shard: Shard) -> Iterator[pyarrow.parquet.
             size = ranges.seek(0, os.SEEK_END)
         _check_size(size, shard, path)
         with readable(path):
-            file = open_encoded(ranges, ENCODED, pre_buffer=True)
+            file = COLUMNS.opened(ranges, pre_buffer=True)
         check_footer(file, shard, path)
         yield file
 
@@ -247,7 +202,7 @@ def _check_size(size: int, shard: Shard, path: AnyPath) -> None:
 
 def check_footer(file: pyarrow.parquet.ParquetFile, shard: Shard, path: AnyPath) -> None:
     """Raise DatasetError if the footer of a file does not fit the shard."""
-    problem = footer_problem(file, shard.rows)
+    problem = shard.footer_problem(file)
     if problem is not None:
         raise DatasetError(f"{path} is damaged: {problem}")
 
@@ -321,14 +276,3 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         pngs,
         {each.name: columns[each.name].to_numpy().astype(each.dtype) for each in OTHERS},
     )
-
-
-def values_of(column: pa.Array) -> list[Any]:
-    """Return the values of a column; equal values of a dictionary are one object."""
-    import pyarrow as pa
-
-    if not pa.types.is_dictionary(column.type):
-        values: list[Any] = column.to_pylist()
-        return values
-    distinct = [*column.dictionary.to_pylist(), None]
-    return [distinct[-1 if index is None else index] for index in column.indices.to_pylist()]

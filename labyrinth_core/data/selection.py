@@ -9,10 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.errors import DatasetError
 from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard, table_groups
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data.table import table_groups
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Look
 
 
 class Refusal(NamedTuple):
@@ -88,6 +88,9 @@ class Splits(dict[str, Split]):
 
     evaluated = ("train", "validation", "test", "s0", "s0_and_g")
     """The splits on which a trained policy is evaluated."""
+
+    not_evaluated = ("random",)
+    """The splits with another policy's episodes, in labyrinths of another split."""
 
     @property
     def shifts(self) -> tuple[str, ...]:

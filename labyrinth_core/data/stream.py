@@ -14,7 +14,7 @@ from __future__ import annotations
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
-from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.load import Transition, episodes_of
+from labyrinth_core.data.episodes import Episodes, LoadedEpisode
+from labyrinth_core.data.load import Transition, together
 from labyrinth_core.data.rows import TOGETHER
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
@@ -95,7 +95,7 @@ class Reading(Generic[Item]):
 
     part: Part
     spec: ObservationSpec
-    items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]]
+    items_of: Callable[[Episodes, ObservationSpec], Iterator[Item]]
     order: Order
 
     def start(self, epoch: int) -> dict[str, Any]:
@@ -216,7 +216,8 @@ class Reading(Generic[Item]):
         """Return the items of row groups, in random order if the stream is shuffled."""
         spec, part = self.spec, self.part
         blocks = part.rows_of(file, number, sorted(groups), pictures=spec.decodes)
-        items = self.items_of(episodes_of(blocks, spec, part.config))
+        episodes = together(blocks, spec, part.config)
+        items = chain.from_iterable(self.items_of(block, spec) for block in episodes)
         if not self.order.buffer:
             return items
         every = [*items]
@@ -234,7 +235,7 @@ class Stream(Generic[Item]):
         self,
         part: Part,
         spec: ObservationSpec,
-        items_of: Callable[[Iterable[LoadedEpisode]], Iterator[Item]],
+        items_of: Callable[[Episodes, ObservationSpec], Iterator[Item]],
         order: Order,
     ) -> None:
         self._reading = Reading(part, spec, items_of, order)
@@ -318,18 +319,22 @@ class Stream(Generic[Item]):
         return self._reading.start(int(self._epoch))
 
 
-def _whole_episodes(episodes: Iterable[LoadedEpisode]) -> Iterator[LoadedEpisode]:
-    return map(LoadedEpisode.copy, episodes)
+def _whole_episodes(block: Episodes, spec: ObservationSpec) -> Iterator[LoadedEpisode]:
+    return map(LoadedEpisode.copy, block.loaded(block.observed(spec)))
 
 
-def _steps(episodes: Iterable[LoadedEpisode]) -> Iterator[Transition]:
-    return chain.from_iterable(map(_steps_of, episodes))
+def _steps(block: Episodes, spec: ObservationSpec) -> Iterator[Transition]:
+    """Yield the transitions of a block.
 
-
-def _steps_of(episode: LoadedEpisode) -> Iterator[Transition]:
-    # Consecutive items share no memory, since a caller may write to them.
-    before, after = episode.observations, episode.observations[1:].copy()
-    return map(Transition, before, episode.actions.tolist(), after)
+    Consecutive items share no memory, since a caller may write to them. The last item of an episode
+    is a copy, since whoever holds it while the next block is read would keep this block's memory.
+    """
+    observations, actions = block.observed(spec), block.whole.rows.actions.tolist()
+    firsts, lasts = block.whole.firsts.tolist(), block.whole.lasts.tolist()
+    for first, last in zip(firsts, lasts, strict=True):
+        before = [*observations[first : last - 1], observations[last - 1].copy()]
+        after = observations[first + 1 : last + 1].copy()
+        yield from map(Transition, before, actions[first:last], after)
 
 
 def stream_episodes(  # noqa: D417

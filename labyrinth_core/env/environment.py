@@ -34,10 +34,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.text import dump, labyrinth_id
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.structure import BUCKETS
+from labyrinth_core.world import BUCKETS, Labyrinth, State, Tables, Task
 
 if TYPE_CHECKING:
     from labyrinth_core.env.window import Window

@@ -14,10 +14,16 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import parse_size
 from labyrinth_core.language.text import dump, load, parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import RULES, LabyrinthError, Task
-from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
-from labyrinth_core.world.tasks import Placer, sample_labyrinth
+from labyrinth_core.world import (
+    BUCKETS,
+    RULES,
+    Labyrinth,
+    LabyrinthError,
+    Placer,
+    Structure,
+    Task,
+    sample_labyrinth,
+)
 
 Choice = TypeVar("Choice")
 Size = int | str | tuple[int, int]
@@ -47,7 +53,7 @@ class LabyrinthSource(NamedTuple):
     kept: Labyrinth | None = None
     """The labyrinth of every episode; None to sample one for each."""
     split: str | None = None
-    """The split whose structures are sampled, one of `SPLITS`; None for all structures."""
+    """The split whose structures are sampled, one of `BUCKETS._fields`; None for all structures."""
     buckets: tuple[int, ...] = BUCKETS
     """The percentages of all structures in the three splits."""
 
@@ -78,7 +84,7 @@ class LabyrinthSource(NamedTuple):
             ValueError: An argument has a value that is not allowed.
         """
         if split is not None:
-            split = chosen("split", split, SPLITS)
+            split = chosen("split", split, BUCKETS._fields)
         shares = checked_buckets(buckets)
         if kept is None:
             written = "x".join(map(str, size)) if isinstance(size, (tuple, list)) else str(size)
@@ -202,7 +208,7 @@ def checked_buckets(buckets: Sequence[int]) -> tuple[int, ...]:
         shares = tuple(whole("buckets", each, 1, 98) for each in buckets)
     except (TypeError, ValueError):
         shares = ()
-    if len(shares) != len(SPLITS) or sum(shares) != 100:
+    if len(shares) != len(BUCKETS) or sum(shares) != 100:
         raise ValueError(
             f"buckets={buckets!r}: give three percentages of 1 or more that add up to 100"
         )

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import Shape
 from labyrinth_core.env.stack import Stack
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.batch_sampling import WORD, sample_each
-from labyrinth_core.world.tasks import default_start_and_goal
+from labyrinth_core.world import BatchSampler, Tables
 
 FEWEST = 128
 """The fewest sub-environments for which sampling together is faster."""
@@ -34,7 +32,8 @@ class NextLabyrinths:
             shape: Size and task of all labyrinths.
             normalised: As in `Tables.of`.
         """
-        self._shape, self._normalised = shape, normalised
+        self._normalised = normalised
+        self._sampler = BatchSampler(shape.height, shape.width)
         self._stack = Stack(count, *shape)
         self._there = np.zeros(count, np.bool_)
         self._left_out = np.zeros(count, np.bool_)
@@ -46,7 +45,11 @@ class NextLabyrinths:
     @staticmethod
     def pay(count: int, shape: Shape) -> bool:
         """Return whether `count` labyrinths of a shape can be sampled together, and faster."""
-        return not shape.task.rules.tiles and count >= FEWEST and shape.height * shape.width <= WORD
+        return (
+            not shape.task.rules.tiles
+            and count >= FEWEST
+            and shape.height * shape.width <= BatchSampler.MOST_CELLS
+        )
 
     def load(
         self,
@@ -76,9 +79,8 @@ class NextLabyrinths:
     def _draw(
         self, places: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
     ) -> None:
-        height, width, _ = self._shape
-        drawn = sample_each(height, width, [generator(place) for place in places.tolist()])
-        ends = default_start_and_goal(height, width)
+        drawn = self._sampler.sample([generator(place) for place in places.tolist()])
+        ends = drawn.structures.default_ends
         tables = Tables.of_many(drawn.structures, *ends, normalised=self._normalised)
         filled = places[drawn.numbers]
         self._stack.load_many(filled, drawn.structures, ends, tables)

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
 from labyrinth_core.pictures.observations import KINDS, ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Labyrinth, Task
 
 Kind = str
 """One of `PLAYED`."""

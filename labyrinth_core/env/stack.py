@@ -18,9 +18,7 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     show_states,
 )
-from labyrinth_core.world.batch import Structures, Tables, seen_together
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, Task
+from labyrinth_core.world import Labyrinth, Look, Structures, Tables, Task, seen_together
 
 
 class Stack:

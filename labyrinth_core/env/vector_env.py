@@ -39,10 +39,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.pictures.gallery import Gallery
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import BUCKETS
+from labyrinth_core.world import BUCKETS, Labyrinth, Tables, Task
 
 Mask = NDArray[np.bool_]
 Batch = NDArray[Any]

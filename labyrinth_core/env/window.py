@@ -13,7 +13,7 @@ os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")
 
 import pygame
 
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 MEANING_OF_KEY = {
     pygame.K_UP: Action.UP,

@@ -1,4 +1,42 @@
-"""Evaluate policies: labyrinths as arrays, episodes by look-up, scores, baselines, intervals.
+"""Policies evaluated on a dataset: played, scored, compared, and asked whether they memorise.
 
-`evaluate` plays a policy on a dataset's splits, and `Results` holds and checks the outcomes.
+`Evaluation` shows any policy the labyrinths of a dataset; `Results` is what a file of results has.
 """
+
+from typing import TYPE_CHECKING
+
+from labyrinth_core.doors import door
+
+if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
+    from labyrinth_core.evaluation.answers import PolicyError as PolicyError
+    from labyrinth_core.evaluation.contract import check_policy as check_policy
+    from labyrinth_core.evaluation.description import Description as Description
+    from labyrinth_core.evaluation.description import Origin as Origin
+    from labyrinth_core.evaluation.description import RunName as RunName
+    from labyrinth_core.evaluation.description import TrainedRun as TrainedRun
+    from labyrinth_core.evaluation.description import Training as Training
+    from labyrinth_core.evaluation.evaluate import Evaluation as Evaluation
+    from labyrinth_core.evaluation.known import KnownDataset as KnownDataset
+    from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays as LabyrinthArrays
+    from labyrinth_core.evaluation.playing import Player as Player
+    from labyrinth_core.evaluation.results import Results as Results
+else:
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "answers": ("PolicyError",),
+            "contract": ("check_policy",),
+            "description": (
+                "Description",
+                "Origin",
+                "RunName",
+                "TrainedRun",
+                "Training",
+            ),
+            "evaluate": ("Evaluation",),
+            "known": ("KnownDataset",),
+            "labyrinth_arrays": ("LabyrinthArrays",),
+            "playing": ("Player",),
+            "results": ("Results",),
+        },
+    )

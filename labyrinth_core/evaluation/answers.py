@@ -10,7 +10,6 @@ from __future__ import annotations
 import inspect
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
@@ -18,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.errors import one_line
+from labyrinth_core.errors import one_line
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.world.rules import Action, Task
+from labyrinth_core.world import Action, Task
 
 if TYPE_CHECKING:
     from labyrinth_core.pictures.observations import ObservationSpec
@@ -33,30 +32,28 @@ Observations are uint8 (B, size, size, 3), int32 vectors (B, length), or a list 
 
 ACTIONS = len(Action)
 
-_ALLOWED = (
-    "policy: give a function from observations to actions, or an object with reset(count) and "
-    "act(observations), or with predict as in Stable-Baselines3"
-)
-
 
 class PolicyError(ValueError):
-    """A policy answers with anything but actions, or raises an error, which is the cause."""
+    """A policy cannot see the labyrinths, or answers with anything but actions.
 
-
-def asked(call: Callable[..., Any], *arguments: Any) -> Any:
-    """Call a part of a policy and return its result.
-
-    Raises:
-        PolicyError: The call raises an error, or ends the program.
+    If the policy raised an error, that is the cause.
     """
-    try:
-        return call(*arguments)
-    except PolicyError:
-        raise
-    except (Exception, SystemExit) as error:  # Foreign code may raise anything.
-        shown = "" if not arguments else f" when given {_described(arguments[0])}"
-        reason = f"{type(error).__name__}: {one_line(error):.300}"
-        raise PolicyError(f"the policy raised {reason}{shown}") from error
+
+    @classmethod
+    def calling(cls, call: Callable[..., Any], *arguments: Any) -> Any:
+        """Call a part of a policy and return its result.
+
+        Raises:
+            PolicyError: The call raises an error, or ends the program.
+        """
+        try:
+            return call(*arguments)
+        except PolicyError:
+            raise
+        except (Exception, SystemExit) as error:  # Foreign code may raise anything.
+            shown = "" if not arguments else f" when given {_described(arguments[0])}"
+            reason = f"{type(error).__name__}: {one_line(error):.300}"
+            raise cls(f"the policy raised {reason}{shown}") from error
 
 
 def fitted(
@@ -89,11 +86,15 @@ def fitted(
     """
 
     def stated(name: str) -> Any:
-        return None if isinstance(policy, type) else asked(lambda: getattr(policy, name, None))
+        return (
+            None
+            if isinstance(policy, type)
+            else PolicyError.calling(lambda: getattr(policy, name, None))
+        )
 
     adapt = stated("for_labyrinths")
     if adapt is not None:
-        policy = asked(partial(adapt, height, width, task))
+        policy = PolicyError.calling(partial(adapt, height, width, task))
     kind, pixels, resize = stated("observation"), stated("image_size"), stated("resize")
     if isinstance(kind, str):  # Other policies may use this name for something else.
         if observation not in (None, kind):
@@ -117,7 +118,7 @@ def fitted(
 
 def _needed_size(pixels: Any, height: int, width: int) -> int:
     """Return the pixels on each side that a policy's `image_size` requires."""
-    size = asked(partial(pixels, height, width)) if callable(pixels) else pixels
+    size = PolicyError.calling(partial(pixels, height, width)) if callable(pixels) else pixels
     try:
         return whole("image_size", size, 1, PICTURE_SIZE)
     except ValueError as error:
@@ -144,13 +145,13 @@ def decide(
         PolicyError: The policy raises an error, or answers with anything but actions.
     """
     shown = observations.tolist() if observations.dtype.kind == "U" else observations
-    given = asked(policy, shown)
-    answer = _as_array(given)
+    answered = PolicyError.calling(policy, shown)
+    answer = _as_array(answered)
     count = len(observations)
     scored = answer.shape == (count, ACTIONS) and answer.dtype.kind in "iuf"
     if not scored and (answer.shape != (count,) or answer.dtype.kind not in "iu"):
         raise PolicyError(
-            f"the policy answered {_described(given if answer.dtype == object else answer)} to "
+            f"the policy answered {_described(answered if answer.dtype == object else answer)} to "
             f"{count} observations: give actions, whole numbers of shape ({count},), or scores "
             f"of shape ({count}, {ACTIONS})"
         )
@@ -174,12 +175,12 @@ def memory_of(remembered: Callable[[], Any], count: int) -> NDArray[Any]:
     Raises:
         PolicyError: The policy raises an error, or answers with anything but such an array.
     """
-    given = asked(remembered)
-    held = _as_array(given, "remembered()")
+    answered = PolicyError.calling(remembered)
+    held = _as_array(answered, "remembered()")
     if held.dtype == object or held.ndim == 0 or len(held) != count:
         raise PolicyError(
-            f"remembered() answered {_described(given if held.dtype == object else held)}: give an "
-            f"array with a row for each of the {count} episodes"
+            f"remembered() answered {_described(answered if held.dtype == object else held)}: give "
+            f"an array with a row for each of the {count} episodes"
         )
     return held
 
@@ -252,11 +253,12 @@ class Predicting:
         return actions
 
 
-def _remembers(policy: Any) -> bool:
+def remembers(policy: Any) -> bool:
+    """Return whether a policy has `reset` and `act`."""
     return hasattr(policy, "reset") and hasattr(policy, "act")
 
 
-def _in_our_form(policy: Any) -> Any:
+def in_our_form(policy: Any) -> Any:
     """Adapt a policy of PyTorch or Stable-Baselines3; return any other unchanged.
 
     The `predict(observation, state, episode_start, deterministic)` of Stable-Baselines3 returns
@@ -269,13 +271,13 @@ def _in_our_form(policy: Any) -> Any:
     """
     torch = sys.modules.get("torch")
     is_module = torch is not None and isinstance(policy, torch.nn.Module)
-    if _remembers(policy) or (callable(policy) and not is_module):
+    if remembers(policy) or (callable(policy) and not is_module):
         return policy
     if hasattr(policy, "reset") and hasattr(policy, "select_action"):
         raise PolicyError(
             "policy: give a LeRobot policy with its processors, as examples/lerobot_policy.py does"
         )
-    if not (hasattr(policy, "predict") and _takes(policy.predict, "deterministic")):
+    if not (hasattr(policy, "predict") and takes(policy.predict, "deterministic")):
         return _evaluating(policy) if is_module else policy
     space = getattr(policy, "observation_space", None)
     if space is None or policy.predict(space.sample(), deterministic=True)[1] is not None:
@@ -283,51 +285,8 @@ def _in_our_form(policy: Any) -> Any:
     return lambda observations: policy.predict(observations, deterministic=True)[0]
 
 
-@dataclass(frozen=True)
-class Player:
-    """Any policy, in the form in which it is called."""
-
-    act: Policy
-    reset: Callable[[int], object] | None
-    """Begins `count` episodes at once; None for a function."""
-    forgets: bool
-    """Whether the action depends on the observation alone, so that look-ups suffice."""
-    remembered: Callable[[], NDArray[Any]] | None = None
-    """Returns all that it remembers, a row for each episode; None if the policy cannot."""
-    numbered: bool = False
-    """Whether `act` takes `episodes`, the numbers of those that go on, and sees only these."""
-
-    def act_in(self, episodes: NDArray[np.int64]) -> Policy:
-        """Return `act` for observations of these episodes alone, which has to be `numbered`."""
-        act: Any = self.act
-        return partial(act, episodes=episodes)
-
-    @classmethod
-    def of(cls, policy: Any, seed: int) -> Player:
-        """Wrap any policy that `evaluate` accepts.
-
-        A policy with an argument `rng` gets a generator with this seed.
-
-        Raises:
-            PolicyError: `evaluate` does not accept the policy.
-        """
-        if isinstance(policy, type):
-            raise PolicyError(f"{_ALLOWED}, not the class {policy.__name__}")
-        policy = asked(_in_our_form, policy)
-        remembers = _remembers(policy)
-        if not (remembers or callable(policy)):
-            raise PolicyError(f"{_ALLOWED}, not an object of {type(policy).__name__}")
-        begin = policy.reset if remembers else policy
-        draws = _takes(begin, "rng")
-        if draws:
-            begin = partial(begin, rng=np.random.default_rng(seed))
-        if remembers:
-            remembered = None if draws else getattr(policy, "remembered", None)
-            return cls(policy.act, begin, False, remembered, _takes(policy.act, "episodes"))
-        return cls(begin, None, not draws)
-
-
-def _takes(function: Callable[..., Any], argument: str) -> bool:
+def takes(function: Callable[..., Any], argument: str) -> bool:
+    """Return whether a function has an argument of this name."""
     try:
         return argument in inspect.signature(function).parameters
     except Exception:  # A function that is not written in Python, or hides its signature.

@@ -26,18 +26,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.answers import Player, fitted
-from labyrinth_core.evaluation.description import MOST_SEED
+from labyrinth_core.data import Dataset, Drawing
+from labyrinth_core.evaluation import Evaluation
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import play_once, require_repeatable
 from labyrinth_core.evaluation.results import COLUMNS
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 
 TOGETHER = 64
 """The number of labyrinths that are drawn at a time."""
+
+ADVICE = (
+    "give it a second argument rng to draw from, or reset(count) and act(observations) if it "
+    "remembers"
+)
 
 PURPOSE = 3
 """The random key of fresh labyrinths, which no part of a dataset uses."""
@@ -168,42 +171,41 @@ def compare(
         DatasetError: The dataset does not exist.
         LabyrinthError: Too few structures can hold the dataset's task; see `sample_test`.
     """
-    seed, most = whole("seed", seed, 0, MOST_SEED), whole("most", most, 1, 10**9)
+    seed, most = whole("seed", seed, 0, typed.MOST_SEED), whole("most", most, 1, 10**9)
     if within not in ("cells", "limit"):
         raise ValueError(f"within={within!r:.60}: choose cells or limit")
     if not 0 < error < 1:
         raise ValueError(f"error={error!r:.60}: give a probability above 0 and below 1")
     seen, sizes = _pair("observation", observation), _pair("image_size", image_size)
-    dataset = Dataset.of(source, config, revision).manifest.config
-    shape = dataset.height, dataset.width, dataset.task
-    policies = [
-        fitted(each, *shape, observation=shown, image_size=size)
-        for each, shown, size in zip((policy, other), seen, sizes, strict=True)
+    data = Dataset.of(source, config, revision)
+    both = [
+        Evaluation.of(each, data, observation=kind, image_size=size, seed=seed)
+        for each, kind, size in zip((policy, other), seen, sizes, strict=True)
     ]
-    players = [(Player.of(each, seed), spec) for each, spec in policies]
+    dataset = data.manifest.config
     cells = dataset.height * dataset.width
     steps = cells if within == "cells" else RULES.step_limit * cells
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(PURPOSE,)))
     fresh = Drawing(dataset).sample_test(rng)
-    found = Comparison(0, 0, 0, 0, steps, error)
-    while found.better is None and found.labyrinths < most:
-        drawn = list(islice(fresh, min(TOGETHER, most - found.labyrinths)))
+    compared = Comparison(0, 0, 0, 0, steps, error)
+    while compared.better is None and compared.labyrinths < most:
+        drawn = list(islice(fresh, min(TOGETHER, most - compared.labyrinths)))
         solved = []
-        for player, spec in players:
-            arrays = LabyrinthArrays.of_labyrinths(drawn, spec)
-            if player.forgets and not found.labyrinths:
-                require_repeatable(player, arrays, "give it a second argument rng to draw from")
-            solved.append(play_once(player, arrays, steps).solved)
+        for shown in both:
+            arrays, player = LabyrinthArrays.of_labyrinths(drawn, shown.spec), shown.player
+            if player.forgets and not compared.labyrinths:
+                player.require_repeatable(arrays, ADVICE)
+            solved.append(player.play_once(arrays, steps).solved)
         first, second = solved
-        found = Comparison(
-            found.labyrinths + len(drawn),
-            found.both + int((first & second).sum()),
-            found.wins + int((first & ~second).sum()),
-            found.losses + int((second & ~first).sum()),
+        compared = Comparison(
+            compared.labyrinths + len(drawn),
+            compared.both + int((first & second).sum()),
+            compared.wins + int((first & ~second).sum()),
+            compared.losses + int((second & ~first).sum()),
             steps,
             error,
         )
-    return found
+    return compared
 
 
 def _pair(name: str, value: Any) -> tuple[Any, Any]:

@@ -9,13 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player, PolicyError, decide, fitted, memory_of
+from labyrinth_core.evaluation.answers import PolicyError, decide, fitted, memory_of
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import ROUNDED, attempts, play_once, require_repeatable
+from labyrinth_core.evaluation.playing import ROUNDED, Player
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Labyrinth, Task, sample_labyrinth
 
 LABYRINTHS = 8
 """The number of labyrinths in which a policy is checked."""
@@ -62,7 +60,7 @@ def check_policy(
     else:
         _check_episodes(fit, player, some, spec)
     with _promised("A policy acts until an episode ends."):
-        play_once(player, arrays, arrays.cells)
+        player.play_once(arrays, arrays.cells)
 
 
 def _check_function(player: Player, arrays: LabyrinthArrays) -> None:
@@ -81,7 +79,11 @@ def _check_function(player: Player, arrays: LabyrinthArrays) -> None:
             "A function answers each observation by itself: the same way again, in another order "
             "and beside others. A stochastic policy takes an argument rng."
         ):
-            require_repeatable(player, arrays, "take an argument rng if it draws at random")
+            player.require_repeatable(
+                arrays,
+                "take an argument rng if it draws at random, or reset(count) and "
+                "act(observations) if it remembers",
+            )
 
 
 def _check_episodes(
@@ -112,8 +114,8 @@ def _check_episodes(
 
 def _played(policy: Any, arrays: LabyrinthArrays, seed: int = 0) -> list[list[int]]:
     """Return the actions of an episode in each labyrinth, of as many steps as there are cells."""
-    player, all_of_them = Player.of(policy, seed), range(len(arrays.labyrinths))
-    return [each.actions.tolist() for each in attempts(player, arrays, all_of_them)]
+    played = Player.of(policy, seed).attempts(arrays, range(len(arrays.labyrinths)))
+    return [each.actions.tolist() for each in played]
 
 
 def _are_alike(one: list[list[int]], other: list[list[int]]) -> bool:

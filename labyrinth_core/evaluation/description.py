@@ -7,51 +7,27 @@ import unicodedata
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Annotated, Any, TypedDict
+from typing import Annotated, Any, ClassVar, TypedDict
 
-import numpy as np
-
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
+from labyrinth_core.data import SPLITS, DatasetConfig
 
 LONGEST = 300
 """The largest number of characters of a text."""
 
-MOST_EPISODES = 1_000
-"""The largest number of episodes in each labyrinth."""
+ConfigName = Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
+SplitName = Annotated[str, typed.Like("|".join(SPLITS))]
 
-CONTROLS = 10, 10_000
-"""The smallest and the largest number of control training sets of a receipt."""
-
-MOST_SEED = 2**64 - 1
-"""The largest seed, of a dataset and of a policy."""
-
-FRESH = "fresh"
-"""In place of the number of labyrinths learnt from, if each epoch had new ones."""
-
-DETAILS = {
-    "labyrinths": "number of labyrinths that the policy learnt from",
-    "steps": "number of steps in environments during training",
-    "parameters": "number of parameters of its networks",
-}
-"""Detail -> what it counts."""
-
-_DATE = re.compile(r"\d{4}-\d\d-\d\d", re.ASCII)
 _URL = re.compile(r"https?://\S+")
 
 
 @cache
 def _reserved() -> frozenset[str]:
     """Return the names of the baselines, which no policy may have."""
-    from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-    from labyrinth_core.evaluation.replanner import REPLANNERS
+    from labyrinth_core.evaluation.baselines import WITHOUT_LEARNING
 
-    return frozenset(name.replace("_", " ") for name in (*BASELINES, *REFERENCES, *REPLANNERS))
-
-
-def as_compared(name: str) -> str:
-    """Return a name in comparable form, without differences of case, blanks or letter forms."""
-    return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
+    return frozenset(name.replace("_", " ") for name in WITHOUT_LEARNING)
 
 
 @dataclass(frozen=True)
@@ -63,6 +39,13 @@ class Description:
             is too long or has unprintable characters, or a detail is not in `DETAILS` or not a
             count.
     """
+
+    DETAILS: ClassVar[Mapping[str, str]] = {
+        "labyrinths": "number of labyrinths that the policy learnt from",
+        "steps": "number of steps in environments during training",
+        "parameters": "number of parameters of its networks",
+    }
+    """Detail -> what it counts."""
 
     name: str
     """What the policy is called."""
@@ -86,31 +69,31 @@ class Description:
                 )
         if not self.name.strip():
             raise ValueError(f"name={self.name!r}: say what the policy is called")
-        if as_compared(self.name).replace("_", " ") in _reserved():
+        if self.as_compared(self.name).replace("_", " ") in _reserved():
             raise ValueError(f"name={self.name}: a baseline has this name; choose another")
         if self.url and not _URL.fullmatch(self.url):
             raise ValueError(f"url={self.url}: give an address such as https://example.org")
-        if self.date and not is_day(self.date):
+        if self.date and not typed.is_day(self.date):
             raise ValueError(f"date={self.date}: give a day such as 2026-11-30")
         for detail, number in self.details.items():
-            if detail not in DETAILS:
-                raise ValueError(f"details: {detail!r:.60}: choose from {', '.join(DETAILS)}")
+            if detail not in self.DETAILS:
+                raise ValueError(f"details: {detail!r:.60}: choose from {', '.join(self.DETAILS)}")
             allowed = "a whole number from 0 on"
             whole(f"details: {detail}", number, 0, 10**15 - 1, allowed=allowed)
         object.__setattr__(self, "details", {name: int(n) for name, n in self.details.items()})
 
-
-def is_day(text: str) -> bool:
-    """Return whether a text is a day such as 2026-11-30."""
-    try:
-        return _DATE.fullmatch(text) is not None and not np.isnat(np.datetime64(text))
-    except ValueError:
-        return False
+    @staticmethod
+    def as_compared(name: str) -> str:
+        """Return a name without differences of case, blanks or letter forms."""
+        return " ".join(unicodedata.normalize("NFKC", name).casefold().split())
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunName:
     """The choices that distinguish a training run on a dataset, and the run's name."""
+
+    FRESH: ClassVar[str] = "fresh"
+    """In place of the number of labyrinths learnt from, if each epoch had new ones."""
 
     method: typed.Word
     encoder: typed.Word
@@ -129,8 +112,8 @@ class RunName:
     def _others(self) -> list[str]:
         """The choices besides method, encoder and seed that are not the defaults."""
         parts = [self.protocol] * (self.protocol != "default")
-        if self.train_labyrinths == FRESH:
-            parts.append(FRESH)
+        if self.train_labyrinths == self.FRESH:
+            parts.append(self.FRESH)
         elif self.train_labyrinths is not None:
             parts.append(f"labyrinths{self.train_labyrinths}")
         return parts
@@ -156,9 +139,9 @@ class RunName:
 
         A class called `Method` is named after its module.
         """
-        module, _, found = method.partition(":")
-        found = found.rpartition(".")[2]
-        return module.rpartition(".")[2] if found in ("", "Method") else found
+        module, _, name = method.partition(":")
+        name = name.rpartition(".")[2]
+        return module.rpartition(".")[2] if name in ("", "Method") else name
 
     @property
     def _learner(self) -> list[str]:
@@ -203,7 +186,7 @@ class TrainedRun(RunName):
 
     settings: Mapping[typed.Word, Any]
     """The settings of the method."""
-    config: typed.ConfigName
+    config: ConfigName
     """The config of the dataset it learnt from, such as `5x5`."""
     dataset: str
     revision: str | None = None
@@ -214,7 +197,7 @@ class TrainedRun(RunName):
     references_know: typed.Sha256 | None = None
     """The fingerprint of the dataset whose train the references know; None if it is the dataset
     on which the policy is judged."""
-    as_tried: Mapping[typed.SplitName, Mapping[typed.Word, float]] | None = None
+    as_tried: Mapping[SplitName, Mapping[typed.Word, float]] | None = None
     """Figures by split under the protocol's own rules, if any."""
 
 

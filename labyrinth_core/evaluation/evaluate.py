@@ -14,25 +14,28 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player, fitted
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.description import MOST_EPISODES, MOST_SEED, Origin, TrainedRun
+from labyrinth_core.evaluation.description import Origin, TrainedRun
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
-from labyrinth_core.evaluation.playing import require_repeatable, step_through
+from labyrinth_core.evaluation.playing import ADVICE, Player
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores, score
+from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 from labyrinth_core.evaluation.twins import train_set
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.rules import Task
 
-NOT_EVALUATED = ("random",)
-"""Splits that hold another policy's episodes in the labyrinths of train."""
+CLOSE = 1e-4
+"""Scores of two actions that differ by at most this share of the greatest may fall another way on
+another machine, which sums in another order; float32 has seven digits."""
 
 
 def evaluate(
@@ -92,6 +95,58 @@ def evaluate(
     return shown.results(splits, episodes)
 
 
+def memorised(
+    policy: Any,
+    source: str | Path | Dataset,
+    config: str | None = None,
+    *,
+    split: str = "test",
+    controls: int = 200,
+    train_labyrinths: int | None = None,
+    observation: str | None = None,
+    image_size: int | None = None,
+    episodes: int | None = None,
+    seed: int = 0,
+    revision: str | None = None,
+) -> Receipt:
+    """Return whether a policy follows its own training set where this is unusual.
+
+    For each state of the split, the twin is the demonstrated state of train that looks most like
+    it. If the policy takes the action of the twin more often than that of the twins in control
+    training sets, it remembers. The controls are drawn as train was, with other seeds. So a policy
+    that does not depend on the choice of its train has any rank among them with equal probability.
+
+    Args:
+        policy: The policy, as for `evaluate`. It has learnt from train of this dataset, and from
+            nothing else that depends on the choice of these labyrinths.
+        source: A `Dataset`; or its folder, or its id on the Hub such as `user/labyrinth`.
+        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`; not with a
+            `Dataset`.
+        split: "test" or "validation".
+        controls: The number of control training sets, 10 to 10,000; with 200, the smallest p is
+            0.005.
+        train_labyrinths: The number of labyrinths that the policy has learnt from, the first ones
+            of train; None for all.
+        observation: As for `evaluate`.
+        image_size: As for `evaluate`.
+        episodes: Number of episodes in each labyrinth, for a stochastic policy.
+        seed: Seed of the generator `rng` of a stochastic policy.
+        revision: Branch, tag or commit on the Hub; not for folders or with a `Dataset`.
+
+    Raises:
+        ValueError: An argument has a value that is not allowed, or no control could have been the
+            train of this dataset: its other splits depend on train, its labyrinths are not those
+            of its config, or there are too few others.
+        PolicyError: As for `evaluate`.
+        DatasetError: The dataset or split does not exist, or was replaced meanwhile.
+    """
+    data = Dataset.of(source, config, revision)
+    shown = Evaluation.of(policy, data, observation=observation, image_size=image_size, seed=seed)
+    receipt = shown.receipt(split, controls, train_labyrinths=train_labyrinths, episodes=episodes)
+    data.require_unchanged()
+    return receipt
+
+
 @dataclass(frozen=True, eq=False)
 class Evaluation:
     """A policy, and the labyrinths of a dataset as they are shown to it."""
@@ -125,7 +180,7 @@ class Evaluation:
         Raises:
             ValueError, PolicyError: As for `evaluate`.
         """
-        seed = whole("seed", seed, 0, MOST_SEED) if run is None else run.seed
+        seed = whole("seed", seed, 0, typed.MOST_SEED) if run is None else run.seed
         origin, about = getattr(policy, "origin", None), data.manifest.config
         policy, spec = fitted(
             policy,
@@ -138,18 +193,21 @@ class Evaluation:
         origin = origin if isinstance(origin, Origin) else None
         return cls(data, Player.of(policy, seed), spec, seed, origin, run)
 
-    def load(self, split: str, observation: str | None = None) -> LabyrinthArrays:
+    def load(
+        self, split: str, observation: str | None = None, *, hold: bool = True
+    ) -> LabyrinthArrays:
         """Return the labyrinths of a split with the policy's observation, or with another one.
 
         If the policy learnt from the first labyrinths of train alone, only they and those derived
         from them are those of a split: the others have structures that are new to the policy.
+        `hold` is that of `LabyrinthArrays.of`.
         """
         run, data = self.run, self.data
         known = run is not None and run.fingerprint == data.fingerprint
         learnt = run.first_labyrinths if run is not None and known else None
         kind = observation or self.spec.observation
         shown = ObservationSpec(kind, self.spec.image_size, draw=True, resize=self.spec.resize)
-        return LabyrinthArrays.of(data.of_first(split, learnt), shown)
+        return LabyrinthArrays.of(data.of_first(split, learnt), shown, hold=hold)
 
     def results(
         self,
@@ -158,6 +216,7 @@ class Evaluation:
         *,
         trained_on: Callable[[], Dataset] | None = None,
         follow: Callable[[Sequence[str]], Iterable[str]] = iter,
+        advice: str = ADVICE,
     ) -> Results:
         """Play all episodes and return the results.
 
@@ -167,19 +226,21 @@ class Evaluation:
             trained_on: Returns the dataset that the run learnt from, which the references know if
                 it is another one of the same size and task; None if it is not available.
             follow: Yields the splits, to show progress.
+            advice: What to do with a policy that answers the same observations differently.
 
         Raises:
             ValueError, PolicyError, DatasetError: As for `evaluate`.
         """
         if episodes is not None:
-            episodes = whole("episodes", episodes, 1, MOST_EPISODES)
+            episodes = whole("episodes", episodes, 1, typed.MOST_EPISODES)
         about, run = self.data.manifest.config, self.run
         learnt = None if run is None or trained_on is None else self._learnt(run, trained_on)
-        memory = TrainMemory.of(learnt or self.load("train", "vector"))
+        memory = TrainMemory.of(learnt or self.load("train", hold=False))
         scores: dict[str, Scores] = {}
         baselines: dict[str, dict[str, Mapping[str, float]]] = {}
         for split in follow(_chosen(splits, self.data)):
-            scores[split], beside = self._judge(split, memory, about.task, episodes)
+            own = memory.train if split == "train" and learnt is None else None
+            scores[split], beside = self._judge(split, memory, episodes, advice, own)
             for name, figures in beside.items():
                 baselines.setdefault(name, {})[split] = figures
         self.data.require_unchanged()
@@ -223,33 +284,137 @@ class Evaluation:
         Raises:
             ValueError, PolicyError, DatasetError: As for `memorised`.
         """
+        controls = whole("controls", controls, *typed.CONTROLS)
+        if episodes is not None:
+            episodes = whole("episodes", episodes, 1, typed.MOST_EPISODES)
         own = train_of(self.data, split, train_labyrinths) if train is None else train_set(train)
         arrays = self.load(split)
         return receipt_of(
             self.player, arrays, own, split=split, controls=controls, episodes=episodes
         )
 
+    @classmethod
+    def require_replay(cls, results: Results, policy: Any, data: Dataset) -> None:
+        """Play a policy and compare each episode with the one that results claim.
+
+        A policy and a seed determine the episodes. Only where the scores of two actions are nearly
+        equal may another processor or version of a library decide otherwise; the message then says
+        so.
+
+        Args:
+            results: The results, of the dataset.
+            policy: The policy that is said to have achieved them.
+            data: The dataset.
+
+        Raises:
+            ValueError: An episode differs; the message names the first labyrinth.
+            PolicyError: The policy fails, or cannot be shown these labyrinths.
+        """
+        shown = cls.of(
+            policy,
+            data,
+            observation=results.observation,
+            image_size=results.image_size,
+            seed=results.seed,
+            run=results.run,
+        )
+        episodes = None if results.way == "look-ups" else results.episodes
+        again = shown.results(list(results.splits), episodes)
+        if again.way != results.way:
+            raise ValueError(
+                f"it.evaluated.way is {results.way}, but the policy plays by {again.way}"
+            )
+        for split, scores in results.splits.items():
+            claimed, played = scores.episodes, again.splits[split].episodes
+            wrong = (claimed.outcomes != played.outcomes) | (claimed.moves != played.moves)
+            for episode, number in np.argwhere(np.atleast_2d(wrong))[:1].tolist():
+                outcomes, moves = (
+                    [
+                        np.atleast_2d(getattr(each, name))[episode, number]
+                        for each in (claimed, played)
+                    ]
+                    for name in ("outcomes", "moves")
+                )
+                near = shown._near_tie(split, number) if again.way == "look-ups" else ""
+                raise ValueError(
+                    f"{split}: labyrinth {scores.labyrinth_ids[number]:016x} is {outcomes[0]} "
+                    f"after {moves[0]} moves, but {outcomes[1]} after {moves[1]} when the policy "
+                    f"plays it{near}"
+                )
+            for name in ACCURACIES:
+                told, right = getattr(scores, name), getattr(again.splits[split], name)
+                if told != right:
+                    raise ValueError(
+                        f"{split}: {name} is {told}, but {right} when the policy plays"
+                    )
+
+    def _near_tie(self, split: str, labyrinth: int) -> str:
+        """Say so if two actions have nearly equal scores where the policy goes in a labyrinth."""
+        arrays = self.load(split)
+        state, visited = int(arrays.initial[labyrinth]), []
+        gap = np.inf
+        while state not in visited and not arrays.terminal[state]:
+            visited.append(state)
+            answer = self.player.act(arrays.observations[np.array([state])])
+            scores: NDArray[Any] = np.asarray(answer)
+            if scores.shape != (1, 4):
+                return ""  # It answers with actions.
+            second, first = np.sort(scores[0].astype(np.float64))[-2:]
+            gap = min(gap, (first - second) / max(abs(first), 1e-12))
+            state = int(arrays.next_state[state, scores[0].argmax()])
+        if gap > CLOSE:
+            return ""
+        return (
+            f"; there the scores of two actions differ by only {gap:.0e} of the greatest, so "
+            "another machine may decide otherwise"
+        )
+
+    @staticmethod
+    def train_of(data: Dataset) -> DatasetConfig:
+        """Return the config of a dataset that a policy has learnt from, for `receipt`.
+
+        Raises:
+            ValueError: No control could have been the train of this dataset.
+        """
+        return train_of(data, "test")[0]
+
     def _way(self, episodes: int | None) -> str:
         """Return how the policy is judged: `look-ups` if it remembers nothing, else `steps`."""
         return "look-ups" if self.player.forgets and episodes is None else "steps"
 
     def _judge(
-        self, split: str, memory: TrainMemory, task: Task, episodes: int | None
+        self,
+        split: str,
+        memory: TrainMemory,
+        episodes: int | None,
+        advice: str,
+        loaded: LabyrinthArrays | None,
     ) -> tuple[Scores, dict[str, dict[str, float]]]:
-        """Return the scores of the policy on a split, and the figures of each baseline."""
-        arrays = self.load(split)
+        """Return the scores of the policy on a split, and the figures of each baseline.
+
+        Observations of policies that are stepped are held, as one state may be seen often; look-ups
+        show each state once.
+
+        Args:
+            split: The split.
+            memory: What the baselines know.
+            episodes: As for `evaluate`.
+            advice: What to do with a policy that answers the same observations differently.
+            loaded: The labyrinths of the split without held observations, if they are there.
+        """
+        steps = self._way(episodes) == "steps"
+        arrays = self.load(split, hold=steps) if loaded is None or steps else loaded
         # A run is compared with the baselines that do not look at a labyrinth, too.
         known, beside = memory.figures(arrays, blind=self.run is not None)
-        if self._way(episodes) == "look-ups":
-            advice = "give episodes=1 or more if it draws at random"
-            require_repeatable(self.player, arrays, advice)
-            found = score(self.player.act, arrays)
+        if steps:
+            scores = Scores.of(self.player.step_through(arrays, episodes or 1), arrays)
         else:
-            found = Scores.of(step_through(self.player, arrays, episodes or 1), arrays)
+            self.player.require_repeatable(arrays, advice)
+            scores = self.player.score(arrays)
         del arrays  # Frees the arrays before others are loaded.
-        if task.rules.hides:
+        if self.data.manifest.config.task.rules.hides:
             beside |= replan(self.load(split, "vector"))
-        return replace(found, known_route=known), beside
+        return replace(scores, known_route=known), beside
 
     def _learnt(self, run: TrainedRun, trained_on: Callable[[], Dataset]) -> LabyrinthArrays | None:
         """Return the labyrinths that a run learnt from; None if they are unavailable.
@@ -269,7 +434,8 @@ class Evaluation:
         if not alike or other.fingerprint != run.fingerprint:
             return None
         shown = ObservationSpec("vector", self.spec.image_size, draw=True)
-        return LabyrinthArrays.of(other["train"].filter(labyrinths=run.first_labyrinths), shown)
+        train = other["train"].filter(labyrinths=run.first_labyrinths)
+        return LabyrinthArrays.of(train, shown, hold=False)
 
 
 _LABYRINTHS = ("height", "width", "task")
@@ -277,7 +443,7 @@ _LABYRINTHS = ("height", "width", "task")
 
 def _chosen(splits: Sequence[str] | None, data: Dataset) -> list[str]:
     if splits is None:
-        return [split for split in data.splits if split not in NOT_EVALUATED]
+        return [split for split in data.splits if split not in SPLITS.not_evaluated]
     try:
         chosen = [splits] if isinstance(splits, str) else list(splits)
     except TypeError as error:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.replanner import replan
@@ -28,7 +28,7 @@ probabilities in another order."""
 class KnownSplit:
     """The L labyrinths of a split, or its first L, with routes and baselines computed from them."""
 
-    place: str
+    dataset: str
     """The name of the dataset, for messages."""
     labyrinth_ids: NDArray[np.int64]
     """The id of each labyrinth, shape (L,)."""
@@ -40,12 +40,12 @@ class KnownSplit:
     """Baseline -> its figures."""
 
     @classmethod
-    def of(cls, place: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
+    def of(cls, dataset: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
         """Compute the properties of a split that is observed as vectors."""
         known, baselines = memory.figures(arrays, blind=True)
         if arrays.labyrinths[0].task.rules.hides:
             baselines |= replan(arrays)
-        return cls(place, arrays.labyrinth_ids, arrays.distance, known, baselines)
+        return cls(dataset, arrays.labyrinth_ids, arrays.distance, known, baselines)
 
     def require_same(
         self, scores: Scores, baselines: Mapping[str, Mapping[str, float]], *, blind: bool
@@ -62,24 +62,24 @@ class KnownSplit:
         """
         if len(scores.distance) != len(self.distance):
             raise ValueError(
-                f"{len(scores.distance)} labyrinths, but {self.place} has {len(self.distance)}"
+                f"{len(scores.distance)} labyrinths, but {self.dataset} has {len(self.distance)}"
             )
         for name, form in (
             ("labyrinth_ids", "{:016x}"),
             ("distance", "{}"),
             ("known_route", "{:d}"),
         ):
-            given, right = getattr(scores, name), getattr(self, name)
-            for number in np.flatnonzero(given != right)[:1]:
-                told, known = form.format(given[number]), form.format(right[number])
-                raise ValueError(f"{name}[{number}] is {told}, but {known} in {self.place}")
+            claimed, right = getattr(scores, name), getattr(self, name)
+            for number in np.flatnonzero(claimed != right)[:1]:
+                told, known = form.format(claimed[number]), form.format(right[number])
+                raise ValueError(f"{name}[{number}] is {told}, but {known} in {self.dataset}")
         for name, figures in self.baselines.items():
             if name not in baselines and (blind or name not in BLIND):
                 raise ValueError(f"the figures of the baseline {name} are missing")
             for figure, value in baselines.get(name, {}).items():
                 if abs(value - figures[figure]) > _CLOSE:
                     raise ValueError(
-                        f"{figure} of {name} is {value}, but {figures[figure]} in {self.place}"
+                        f"{figure} of {name} is {value}, but {figures[figure]} in {self.dataset}"
                     )
 
 
@@ -97,7 +97,7 @@ class KnownDataset:
         return cls(Dataset(source, config, revision))
 
     @property
-    def place(self) -> str:
+    def name(self) -> str:
         """The folder, or the id on the Hub, and the config."""
         return f"{self.data.source}/{self.data.config}"
 
@@ -119,14 +119,15 @@ class KnownDataset:
             DatasetError: The rows of the split cannot be read.
         """
         if name not in self.data.splits:
-            raise ValueError(f"{name}: {self.place} has no such split")
+            raise ValueError(f"{name}: {self.name} has no such split")
 
         def load(split: str) -> LabyrinthArrays:
-            return LabyrinthArrays.of(self.data.of_first(split, learnt), ObservationSpec("vector"))
+            selection = self.data.of_first(split, learnt)
+            return LabyrinthArrays.of(selection, ObservationSpec("vector"), hold=False)
 
         if (name, learnt) not in self._splits:
             if learnt not in self._memories:
                 self._memories[learnt] = TrainMemory.of(load("train"))
-            found = KnownSplit.of(self.place, load(name), self._memories[learnt])
-            self._splits[name, learnt] = found
+            known = KnownSplit.of(self.name, load(name), self._memories[learnt])
+            self._splits[name, learnt] = known
         return self._splits[name, learnt]

@@ -10,22 +10,21 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import Filter
-from labyrinth_core.data.datasets import Dataset, Selection
-from labyrinth_core.data.episodes import replayed
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset, Selection
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES, Labyrinth, Tables
+
+if TYPE_CHECKING:
+    from pyarrow.compute import Expression
 
 STATE_BYTES = 500
 """The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
@@ -94,13 +93,22 @@ class LabyrinthArrays:
         return {place: index for index, place in enumerate(zip(ids, states, strict=True))}
 
     @classmethod
-    def of(cls, selection: Selection, spec: ObservationSpec) -> LabyrinthArrays:
-        """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`."""
+    def of(
+        cls, selection: Selection, spec: ObservationSpec, *, hold: bool = True
+    ) -> LabyrinthArrays:
+        """Return the labyrinths of a split, or of a part of it, as arrays; see `load_arrays`.
+
+        Args:
+            selection: The split or its part.
+            spec: How the states are observed.
+            hold: Whether to hold the observations if they take 1 GiB or less; False where each
+                state is observed once or never.
+        """
         held: dict[int, Labyrinth] = {}
         episodes: list[tuple[Place, NDArray[np.int64]]] = []
         part = selection.part()
         try:
-            for block in replayed(part.rows(pictures=False), part.config):
+            for block in part.replayed(pictures=False):
                 ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
                 for number, labyrinth in zip(ids, block.parsed(), strict=True):
                     held.setdefault(number, labyrinth)
@@ -109,7 +117,7 @@ class LabyrinthArrays:
                     episodes.append((place, rows.actions[first:last].copy()))
             if not held:
                 raise DatasetError(f"split={selection.split} has no episodes")
-            return _stack(list(held.values()), list(held), episodes, spec, hold=True)
+            return _stack(list(held.values()), list(held), episodes, spec, hold=hold)
         except MemoryError as error:
             count = sum(each.labyrinths for each in part.shards)
             count = count if part.spans is None else len(part.spans[0])
@@ -155,6 +163,17 @@ class LabyrinthArrays:
         """
         return _numbers_of(places, self.labyrinth_ids, self.labyrinth, self.state)
 
+    def walk(
+        self, starts: NDArray[np.int64], routes: Iterable[NDArray[np.int64]]
+    ) -> Iterator[NDArray[np.int64]]:
+        """Yield the T + 1 states that each route visits, shape (T + 1,).
+
+        Args:
+            starts: The state in which each route begins, shape (routes,).
+            routes: The T actions of each route, shape (T,).
+        """
+        return _walk(self.next_state, starts, routes)
+
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
         """Whether an episode of the dataset acts in the state, shape (S,)."""
@@ -174,18 +193,18 @@ def _numbers_of(
     state: NDArray[np.int64],
 ) -> NDArray[np.int64]:
     """Return the index of the state in each place, given arrays of a `LabyrinthArrays`."""
-    index = {number: place for place, number in enumerate(ids.tolist())}
-    pairs = [(index.get(number, -1), place) for number, place in places]
+    index = {number: row for row, number in enumerate(ids.tolist())}
+    pairs = [(index.get(number, -1), row) for number, row in places]
     asked = np.array(pairs, np.int64).reshape(-1, 2)
     # One ascending number for each pair of a labyrinth and a state.
     apart = int(max(state.max(), asked[:, 1].max(initial=0))) + 1
     known, keys = labyrinth * apart + state, asked[:, 0] * apart + asked[:, 1]
-    found: NDArray[np.int64] = known.searchsorted(keys).clip(max=len(known) - 1)
-    for place in np.flatnonzero(known[found] != keys).tolist():
+    numbers: NDArray[np.int64] = known.searchsorted(keys).clip(max=len(known) - 1)
+    for row in np.flatnonzero(known[numbers] != keys).tolist():
         raise DatasetError(
-            f"labyrinth {places[place][0]:016x}: an episode begins where the agent cannot get"
+            f"labyrinth {places[row][0]:016x}: an episode begins where the agent cannot get"
         )
-    return found
+    return numbers
 
 
 def load_arrays(
@@ -198,7 +217,7 @@ def load_arrays(
     resize: str = "area",
     revision: str | None = None,
     labyrinths: int | None = None,
-    where: Filter | None = None,
+    where: Expression | None = None,
 ) -> LabyrinthArrays:
     """Return the labyrinths of a split as arrays.
 
@@ -245,10 +264,10 @@ def _stack(
     joined = {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
     which, state = joined["labyrinth"], joined["state"]
     looks = Looks(spec, labyrinths, which, state)
-    starts = _numbers_of([place for place, _ in episodes], np.array(ids), which, state)
+    starts = _numbers_of([beginning for beginning, _ in episodes], np.array(ids), which, state)
     routes = tuple(actions for _, actions in episodes)
     demonstrated = np.zeros((count, 4), np.int64)
-    for walked, actions in zip(walk(joined["next_state"], starts, routes), routes, strict=True):
+    for walked, actions in zip(_walk(joined["next_state"], starts, routes), routes, strict=True):
         np.add.at(demonstrated, (walked[:-1], actions), 1)
     return LabyrinthArrays(
         observations=looks.held() if hold else looks,
@@ -265,18 +284,12 @@ def _stack(
     )
 
 
-def walk(
+def _walk(
     next_state: NDArray[np.int64],
     starts: NDArray[np.int64],
     routes: Iterable[NDArray[np.int64]],
 ) -> Iterator[NDArray[np.int64]]:
-    """Yield the T + 1 states that each route visits, shape (T + 1,).
-
-    Args:
-        next_state: The state that each action leads to, shape (S, 4).
-        starts: The state in which each route begins, shape (routes,).
-        routes: The T actions of each route, shape (T,).
-    """
+    """Yield the states that each route visits; see `LabyrinthArrays.walk`."""
     for state, actions in zip(starts.tolist(), routes, strict=True):
         states = [state]
         for action in actions.tolist():
@@ -287,25 +300,25 @@ def walk(
 def _visitable(tables: Tables) -> list[int]:
     """Return the indices of the states that an episode can visit, in ascending order."""
     transitions, terminal = tables.transitions.tolist(), tables.terminal.tolist()
-    found, queue = {tables.initial}, [tables.initial]
+    reached, queue = {tables.initial}, [tables.initial]
     for state in queue:
         if not terminal[state]:
-            new = set(transitions[state]) - found
-            found |= new
+            new = set(transitions[state]) - reached
+            reached |= new
             queue += new
-    return sorted(found)
+    return sorted(reached)
 
 
 def _columns(tables: Tables, cells: int, states: list[int], first: int) -> dict[str, NDArray[Any]]:
     """Return the arrays of one labyrinth, whose states are numbered from `first` on."""
-    place = np.full(len(tables.terminal), -1)
-    place[states] = np.arange(first, first + len(states))
+    numbers = np.full(len(tables.terminal), -1)
+    numbers[states] = np.arange(first, first + len(states))
     after, ends = tables.transitions[states], tables.terminal[states, None]
     return {
         "position": np.array(states) % cells,
         "terminal": ends[:, 0],
         "goal": tables.distances[states] == 0,
-        "next_state": np.where(ends, place[states, None], place[after]),
+        "next_state": np.where(ends, numbers[states, None], numbers[after]),
         "rewards": np.where(ends, 0, tables.rewards[after]).astype(np.float32),
         "done": ends | tables.terminal[after],
         "optimal": tables.optimal_actions[states],

@@ -1,4 +1,4 @@
-"""`memorised`: does a policy follow what its own training set happened to show?
+"""The receipt of `memorised`: does a policy follow what its own training set happened to show?
 
 from labyrinth_core import Dataset, load_policy, memorised
 
@@ -15,21 +15,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core import typed
 from labyrinth_core.checks import whole
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.evaluation.answers import ACTIONS, Player, fitted
-from labyrinth_core.evaluation.description import CONTROLS, MOST_EPISODES, MOST_SEED
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.data import Dataset, DatasetConfig
+from labyrinth_core.evaluation.answers import ACTIONS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import counted_actions, decisions, require_repeatable
+from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation.scores import interval
 from labyrinth_core.evaluation.twins import (
     FIRST_SEED,
     Demonstrated,
@@ -43,9 +40,7 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action, Labyrinth
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")
 """The splits that do not depend on train: any other train could have been theirs."""
@@ -126,7 +121,7 @@ class Receipt(Excess):
     train: Mapping[typed.Word, Any]
     """The options that draw the training set: those of its dataset, with the number of labyrinths
     that the policy has learnt from."""
-    drawn: Annotated[int, typed.Within(*CONTROLS)]
+    drawn: Annotated[int, typed.Within(*typed.CONTROLS)]
     """The number of control training sets."""
     shared: typed.Share
     """The mean share of the labyrinths of train that a control has, too. The more they share, the
@@ -168,80 +163,6 @@ def _action(shares: Sequence[float]) -> str:
     return Action(int(np.argmax(shares))).name.lower()
 
 
-def memorised(
-    policy: Any,
-    source: str | Path | Dataset,
-    config: str | None = None,
-    *,
-    split: str = "test",
-    controls: int = 200,
-    train_labyrinths: int | None = None,
-    observation: str | None = None,
-    image_size: int | None = None,
-    episodes: int | None = None,
-    seed: int = 0,
-    revision: str | None = None,
-) -> Receipt:
-    """Return whether a policy follows its own training set where this is unusual.
-
-    For each state of the split, the twin is the demonstrated state of train that looks most like
-    it. If the policy takes the action of the twin more often than that of the twins in control
-    training sets, it remembers. The controls are drawn as train was, with other seeds. So a policy
-    that does not depend on the choice of its train has any rank among them with equal probability.
-
-    Args:
-        policy: The policy, as for `evaluate`. It has learnt from train of this dataset, and from
-            nothing else that depends on the choice of these labyrinths.
-        source: A `Dataset`; or its folder, or its id on the Hub such as `user/labyrinth`.
-        config: Name of the dataset's config, such as `5x5` or `5x5-key_and_door`; not with a
-            `Dataset`.
-        split: "test" or "validation".
-        controls: The number of control training sets, 10 to 10,000; with 200, the smallest p is
-            0.005.
-        train_labyrinths: The number of labyrinths that the policy has learnt from, the first ones
-            of train; None for all.
-        observation: As for `evaluate`.
-        image_size: As for `evaluate`.
-        episodes: Number of episodes in each labyrinth, for a stochastic policy.
-        seed: Seed of the generator `rng` of a stochastic policy.
-        revision: Branch, tag or commit on the Hub; not for folders or with a `Dataset`.
-
-    Raises:
-        ValueError: An argument has a value that is not allowed, or no control could have been the
-            train of this dataset: its other splits depend on train, its labyrinths are not those
-            of its config, or there are too few others.
-        PolicyError: As for `evaluate`.
-        DatasetError: The dataset or split does not exist, or was replaced meanwhile.
-    """
-    controls = whole("controls", controls, *CONTROLS)
-    seed = whole("seed", seed, 0, MOST_SEED)
-    if episodes is not None:
-        episodes = whole("episodes", episodes, 1, MOST_EPISODES)
-    data = Dataset.of(source, config, revision)
-    train = train_of(data, split, train_labyrinths)
-    about = train[0]
-    policy, spec = fitted(
-        policy,
-        about.height,
-        about.width,
-        about.task,
-        observation=observation,
-        image_size=image_size,
-    )
-    player = Player.of(policy, seed)
-    shown = ObservationSpec(spec.observation, spec.image_size, draw=True, resize=spec.resize)
-    receipt = receipt_of(
-        player,
-        LabyrinthArrays.of(data[split], shown),
-        train,
-        split=split,
-        controls=controls,
-        episodes=episodes,
-    )
-    data.require_unchanged()
-    return receipt
-
-
 def receipt_of(
     player: Player,
     arrays: LabyrinthArrays,
@@ -266,7 +187,7 @@ def receipt_of(
             f"{needed / 1e9:.0f} GB, more than {MOST_BYTES / 1e9:.0f}: give fewer controls"
         )
     actions = _everywhere(player, arrays, states, episodes)
-    counts = counted_actions(player, arrays, episodes)[states]
+    counts = player.counted_actions(arrays, episodes)[states]
     visited: NDArray[np.bool_] = counts.sum(axis=1) > 0
     walked = counts / np.maximum(counts.sum(axis=1, keepdims=True), 1)
     demonstrated = Demonstrated.of([train])
@@ -380,10 +301,10 @@ def _everywhere(
     if player.reset is not None:
         return None
     if player.forgets and episodes is None:
-        require_repeatable(player, arrays, "give episodes=1 or more if it draws at random")
+        player.require_repeatable(arrays)
     taken = np.zeros((len(states), ACTIONS))
     for _ in range(episodes or 1):
-        taken[np.arange(len(states)), decisions(player.act, arrays, states)] += 1
+        taken[np.arange(len(states)), player.decisions(arrays, states)] += 1
     return taken / (episodes or 1)
 
 
@@ -433,7 +354,7 @@ def _copies(
         nearest = np.flatnonzero(differences[0] == differences[0].min())
         labyrinth = arrays.labyrinths[which]
         twin = own[int(demonstrated.labyrinth[candidates[nearest[0]]])]
-        place = labyrinth.state_at(int(arrays.state[state[0]]))
+        seen_state = labyrinth.state_at(int(arrays.state[state[0]]))
         apart = {*labyrinth.structure.passages()} ^ {*twin.structure.passages()}
         did, shown, usual = (
             tuple(round(share, DECIMALS) for share in each.tolist())
@@ -441,9 +362,9 @@ def _copies(
         )
         yield Copy(
             labyrinth=labyrinth_id(labyrinth),
-            agent=place.agent,
-            has_key=place.has_key,
-            door_open=place.door_open,
+            agent=seen_state.agent,
+            has_key=seen_state.has_key,
+            door_open=seen_state.door_open,
             train_labyrinth=labyrinth_id(twin),
             twins=len(nearest),
             differences=int(differences[0].min()),

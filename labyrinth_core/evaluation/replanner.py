@@ -11,16 +11,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Player, PolicyError
+from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.evaluation.baselines import REPLANNERS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import step_through
-from labyrinth_core.evaluation.scores import Scores, score
+from labyrinth_core.evaluation.playing import Player
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.pictures.vector import WALL, grid_indices
-from labyrinth_core.world.batch import seen_together
-from labyrinth_core.world.rules import Action, Task, neighbours
-
-REPLANNERS = ("replanner", "without memory")
-"""The names of the replanner's figures, with memory and without."""
+from labyrinth_core.world import Action, Structure, Task, seen_together
 
 
 class Replanner:
@@ -38,12 +35,10 @@ class Replanner:
         self._side = max(height, width)
         self._place = grid_indices(height, width)
         # A neighbour outside the grid is the cell itself, behind the wall at the end of the grid.
-        self._neighbours = np.arange(height * width)[:, None].repeat(4, axis=1)
-        self._passages = np.full((height * width, 4), -1)
-        for cell in range(height * width):
-            for action, beside in neighbours(cell, height, width).items():
-                self._neighbours[cell, action] = beside
-                self._passages[cell, action] = (self._place[cell] + self._place[beside]) // 2
+        self._neighbours = np.array(Structure.without_walls(height, width).moves)
+        inside = self._neighbours != np.arange(height * width)[:, None]
+        between = (self._place[:, None] + self._place[self._neighbours]) // 2
+        self._passages = np.where(inside, between, -1)
         self.reset(0)
 
     def for_labyrinths(self, height: int, width: int, task: Task) -> Replanner:
@@ -102,6 +97,6 @@ def replan(arrays: LabyrinthArrays) -> dict[str, dict[str, float]]:
     with_memory, without = (
         Replanner(structure.height, structure.width, memory=memory) for memory in (True, False)
     )
-    stepped = step_through(Player.of(with_memory, 0), arrays, 1)
-    scores = Scores.of(stepped, arrays), score(without.act, arrays)
+    stepped = Player.of(with_memory).step_through(arrays, 1)
+    scores = Scores.of(stepped, arrays), Player.of(without.act).score(arrays)
     return {name: each.summary() for name, each in zip(REPLANNERS, scores, strict=True)}

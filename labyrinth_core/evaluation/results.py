@@ -3,25 +3,24 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, fields
-from math import prod
+from dataclasses import asdict, dataclass, fields, replace
+from math import fsum, prod
 from pathlib import Path
 from textwrap import fill
 from typing import Any, ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File, LocalFile
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation.baselines import REPLANNERS, WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
-from labyrinth_core.evaluation.playing import OUTCOMES
-from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.results_form import (
     FORMAT,
     KIND,
@@ -29,9 +28,10 @@ from labyrinth_core.evaluation.results_form import (
     ResultsFile,
     check_receipt,
 )
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import ACCURACIES, OUTCOMES, Scores, interval
 from labyrinth_core.language.collection import files_in
 from labyrinth_core.language.source_text import parse_size, printable_line
+from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.version import __version__
 
 COLUMNS = 80
@@ -39,7 +39,7 @@ COLUMNS = 80
 
 HEADINGS = ("split", "SPL", "n x n", "SR", "95%", "known", "new", "AER")
 FAILURES = "Failed episodes by kind:"
-WITHOUT_LEARNING = "SPL/SR of baselines without learning; the optimum has 100/100:"
+BASELINES_LEGEND = "SPL/SR of baselines without learning; the optimum has 100/100:"
 REPLANNER_LEGEND = """\
 replanner: replans after each step and assumes that unseen passages are open;
 with memory, and without."""
@@ -53,8 +53,15 @@ class Results:
     """The name of the file that the stage `evaluate` writes."""
     LARGEST: ClassVar[int] = 1 << 28
     """The largest file that is read, in bytes; five splits of 100,000 labyrinths take 16 MB."""
+    WITHOUT_LEARNING: ClassVar[tuple[str, ...]] = WITHOUT_LEARNING
+    """The names of the baselines, in the order of the columns of tables."""
+    WHY_SPL: ClassVar[str] = (
+        "SPL (success weighted by path length) comes before SR (success rate), because SR rewards "
+        "wandering:\nwithin 40 steps per cell even random steps solve most labyrinths."
+    )
+    """The sentence printed with every table of scores."""
     LEGEND: ClassVar[tuple[str, str]] = (
-        fill(" ".join(Scores.WHY_SPL.split()), COLUMNS),
+        fill(" ".join(WHY_SPL.split()), COLUMNS),
         "n x n: SR within as many steps as cells. 95%: the confidence interval of SR.\n"
         "known: SR where an optimal route is part of a route that train demonstrates;\n"
         "new: SR elsewhere. All in percent, except AER, the average episodic return.",
@@ -108,15 +115,15 @@ class Results:
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
         if kinds:
             rows = [["split", *kinds]]
-            for split, found in failures.items():
-                rows.append([split, *(f"{found.get(kind, 0):,}" for kind in kinds)])
+            for split, counts in failures.items():
+                rows.append([split, *(f"{counts.get(kind, 0):,}" for kind in kinds)])
             lines += ["", FAILURES, *_aligned(rows)]
-        beside = {name: found for name, found in self.baselines.items() if name != "oracle"}
+        beside = {name: by_split for name, by_split in self.baselines.items() if name != "oracle"}
         if beside:
             rows = [["split", *(name.replace("_", " ") for name in beside)]]
             for split in self.splits:
                 rows.append([split, *(_pair(each[split]) for each in beside.values())])
-            lines += ["", WITHOUT_LEARNING, *_aligned(rows)]
+            lines += ["", BASELINES_LEGEND, *_aligned(rows)]
         return "\n".join(lines)
 
     def legend(self) -> list[str]:
@@ -161,9 +168,9 @@ class Results:
             ValueError: The name is empty, or another argument has a value that is not allowed.
         """
         text = self.to_text(Description(name, author, url, date, budget, details or {}))
-        place = Path(path).expanduser()
-        place.parent.mkdir(parents=True, exist_ok=True)
-        File(LocalFile(place).target()).write_text(text)
+        target = Path(path).expanduser()
+        target.parent.mkdir(parents=True, exist_ok=True)
+        File(LocalFile(target).target()).write_text(text)
 
     def to_text(self, about: Description) -> str:
         """Return the content of the file that `save` writes; raise ValueError like `save`."""
@@ -188,15 +195,15 @@ class Results:
         Raises:
             DatasetError: The file cannot be read or is inconsistent; the message has one line.
         """
-        place = Path(path).expanduser()
+        file = Path(path).expanduser()
         try:
-            if not place.is_file():
+            if not file.is_file():
                 raise ValueError("it is not a file")
-            if place.stat().st_size > cls.LARGEST:
+            if file.stat().st_size > cls.LARGEST:
                 raise ValueError(f"it has more than {cls.LARGEST:,} bytes")
-            return cls.from_json(File(place).read_json(), datasets)
+            return cls.from_json(File(file).read_json(), datasets)
         except (OSError, ValueError, RecursionError) as error:
-            raise DatasetError(f"{place} is refused: {one_line(error):.400}") from error
+            raise DatasetError(f"{file} is refused: {one_line(error):.400}") from error
 
     @classmethod
     def from_json(
@@ -220,7 +227,7 @@ class Results:
                 raise ValueError(f"it.baselines.{name} has no {min(lacking)}")
         if file.memorised is not None:
             check_receipt(file.memorised, splits, cells)
-        found = cls(
+        results = cls(
             dataset=file.dataset.source,
             revision=file.dataset.revision,
             config=file.dataset.config,
@@ -237,16 +244,93 @@ class Results:
             policy=file.policy,
             memorised=file.memorised,
         )
-        known = None if datasets is None else datasets(found.config)
-        if known is not None and known.fingerprint == found.fingerprint:
-            found._compare_with(known)
-        return found
+        known = None if datasets is None else datasets(results.config)
+        if known is not None and known.fingerprint == results.fingerprint:
+            results._compare_with(known)
+        return results
+
+    @classmethod
+    def files_of_runs(cls, run_dir: Path) -> list[Path]:
+        """Return the results files of all runs in a folder of runs, without hidden folders."""
+        return sorted(run_dir.glob(f"[!.]*/[!.]*/{cls.FILE}"))
+
+    @staticmethod
+    def submitted_files(folder: Path) -> list[tuple[Path, str]]:
+        """Return the results files below a folder of submissions, and why each cannot be read.
+
+        A folder in the place of a file, or a link that leads nowhere, is returned too.
+        """
+        folders = [
+            (path, "it is not a file") for path in folder.rglob("[!.]*.json") if path.is_dir()
+        ]
+        files = ((path, why) for path, why in files_in(folder) if why or path.suffix == ".json")
+        return sorted([*files, *folders])
+
+    @property
+    def about(self) -> Description:
+        """The description of the policy; the results have to be from a file."""
+        assert self.method is not None
+        return self.method
+
+    def signed(self, **judgement: Any) -> Results:
+        """Return the results as the judge of a season signs them; fields as in `Judgement`."""
+        signature = Judgement(**judgement)
+        return replace(
+            self,
+            dataset=f"season:{signature.season}",
+            version=signature.versions["labyrinth-datasets"],
+            judged=signature,
+            policy=None,  # The signature names it.
+        )
+
+    @staticmethod
+    def over_seeds(runs: Sequence[Results], split: str) -> dict[str, Any]:
+        """Return the figures on a split of results that differ only in their seed, one at least.
+
+        `spl`, `sr` and `aer` have an interval over seeds and labyrinths, with ends `_low` and
+        `_high`. `aer_std` is the standard deviation over labyrinths, averaged over seeds. Each kind
+        of failure has its share of all episodes. `by_distance` says how many episodes succeed for
+        each length of the shortest route, such as `8: 3 of 5`.
+        """
+        scores = [each.splits[split] for each in runs]
+        outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
+        values = {
+            "spl": np.stack([Scores.by_labyrinth(each.weighted) for each in scores]),
+            "sr": _solved(runs, split),
+            "aer": np.stack([Scores.by_labyrinth(each.episodes.returns) for each in scores]),
+        }
+        figures: dict[str, Any] = {
+            name: _mean(getattr(each, name) for each in scores) for name in _AVERAGED
+        }
+        figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
+        for name, by_seed in values.items():
+            bounds = Scores.return_interval(by_seed) if name == "aer" else interval(by_seed)
+            figures[f"{name}_low"], figures[f"{name}_high"] = bounds
+        for failure in ("loop", "wall", "ice"):
+            figures[failure] = float((outcomes == failure).mean())
+        counted = [each.by_distance for each in scores]
+        lengths = (
+            f"{moves}: {sum(each[moves][0] for each in counted)} of "
+            f"{sum(each[moves][1] for each in counted)}"
+            for moves in counted[0]
+        )
+        return figures | {
+            "labyrinths": len(scores[0].distance),
+            "aer_std": float(np.mean([each.episodes.returns.std() for each in scores])),
+            "by_distance": "; ".join(lengths),
+        }
+
+    @staticmethod
+    def gap(runs: Sequence[Results]) -> tuple[float, float, float]:
+        """Return SR on train minus SR on test over seeds, and the ends of its interval."""
+        train, test = _solved(runs, "train"), _solved(runs, "test")
+        return float(train.mean() - test.mean()), *interval(train, test)
 
     def require_dataset(self, known: KnownDataset) -> None:
         """Raise ValueError if the results are of another dataset."""
         if self.fingerprint != known.fingerprint:
             raise ValueError(
-                f"it is of another dataset than {known.place}: their fingerprints are "
+                f"it is of another dataset than {known.name}: their fingerprints are "
                 f"{self.fingerprint:.16} and {known.fingerprint:.16} (dataset= chooses another)"
             )
 
@@ -255,7 +339,7 @@ class Results:
         run = self.run
         if run is not None and (run.fingerprint, run.config) != (self.fingerprint, self.config):
             raise ValueError(
-                f"its policy learnt from another dataset than {known.place}, on which it is judged"
+                f"its policy learnt from another dataset than {known.name}, on which it is judged"
             )
         for split, scores in self.splits.items():
             right = known.split(split, None if run is None else run.first_labyrinths)
@@ -285,8 +369,25 @@ class Results:
             **policy,
             **memorised,
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
-            "baselines": {name: dict(found) for name, found in self.baselines.items()},
+            "baselines": {name: dict(by_split) for name, by_split in self.baselines.items()},
         }
+
+
+_AVERAGED = (
+    *("spl", "sr_within_cells", "sr_known_route", "sr_new_route", "path_efficiency"),
+    *ACCURACIES,
+)
+"""Figures of `Scores` that are averaged over seeds; None if no seed defines them."""
+
+
+def _solved(runs: Sequence[Results], split: str) -> NDArray[np.float64]:
+    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
+    return np.stack([Scores.by_labyrinth(each.splits[split].episodes.solved) for each in runs])
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return fsum(defined) / len(defined) if defined else None
 
 
 @contextmanager
@@ -363,18 +464,3 @@ def _as_text(content: Mapping[str, Any]) -> str:
         return "{\n" + ",\n".join(inner) + "\n" + " " * depth + "}"
 
     return lines(content, 0) + "\n"
-
-
-def submissions_in(folder: Path) -> list[tuple[Path, str]]:
-    """Return the results files below a folder of submissions, and why each cannot be read, if so.
-
-    A folder in the place of a file, or a link that leads nowhere, is returned too.
-    """
-    folders = [(path, "it is not a file") for path in folder.rglob("[!.]*.json") if path.is_dir()]
-    files = ((path, why) for path, why in files_in(folder) if why or path.suffix == ".json")
-    return sorted([*files, *folders])
-
-
-def results_in(run_dir: Path) -> list[Path]:
-    """Return the results files of all runs in a folder of runs; hidden folders are skipped."""
-    return sorted(run_dir.glob(f"[!.]*/[!.]*/{Results.FILE}"))

@@ -13,22 +13,21 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.evaluation.baselines import WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import (
-    MOST_EPISODES,
+    ConfigName,
     Description,
     Judgement,
     Origin,
+    SplitName,
     TrainedRun,
 )
 from labyrinth_core.evaluation.memorised import Receipt
-from labyrinth_core.evaluation.playing import Episodes
-from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 KIND = "labyrinth-results"
 FORMAT = 2
@@ -110,15 +109,15 @@ class Played:
                     f"{self.labyrinth_ids[number]} has {what}"
                 )
         for name, right in (scores.figures() | {"step_limit": limit}).items():
-            given = getattr(self, name)
+            claimed = getattr(self, name)
             if name not in INTERVALS:
-                follows, told = _equal(given, right), f"but {right} follows from the outcomes"
+                follows, told = _equal(claimed, right), f"but {right} follows from the outcomes"
             else:
                 figure = getattr(self, INTERVALS[name])
-                follows = given[0] - _EXACT <= figure <= given[1] + _EXACT
+                follows = claimed[0] - _EXACT <= figure <= claimed[1] + _EXACT
                 told = f"which is not around {INTERVALS[name]}={figure}"
             if not follows:
-                raise ValueError(f"{name} is {given!r:.60}, {told}")
+                raise ValueError(f"{name} is {claimed!r:.60}, {told}")
         return scores
 
     def _require_lengths(self, episodes: int) -> None:
@@ -150,7 +149,7 @@ class DatasetName:
 
     source: str
     revision: str | None
-    config: typed.ConfigName
+    config: ConfigName
     fingerprint: typed.Sha256
 
 
@@ -161,12 +160,12 @@ class Evaluated:
     observation: Annotated[str, typed.Like("|".join(["image", *KINDS]))]
     image_size: typed.Positive | None
     way: Literal["look-ups", "steps"]
-    episodes: Annotated[int, typed.Within(1, MOST_EPISODES)]
+    episodes: Annotated[int, typed.Within(1, typed.MOST_EPISODES)]
     seed: typed.Seed
     version: Annotated[str, typed.Like(r"[\w.+-]{1,50}")]
 
 
-_Baseline = Annotated[str, typed.Like("|".join((*BASELINES, *REFERENCES, *REPLANNERS)))]
+_Baseline = Annotated[str, typed.Like("|".join(WITHOUT_LEARNING))]
 
 
 @dataclass(frozen=True)
@@ -178,8 +177,8 @@ class ResultsFile:
     method: Description
     dataset: DatasetName
     evaluated: Evaluated
-    splits: Mapping[typed.SplitName, Played]
-    baselines: Mapping[_Baseline, Mapping[typed.SplitName, Figures]]
+    splits: Mapping[SplitName, Played]
+    baselines: Mapping[_Baseline, Mapping[SplitName, Figures]]
     run: TrainedRun | None = None
     judged: Judgement | None = None
     policy: Origin | None = None

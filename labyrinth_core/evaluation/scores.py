@@ -1,32 +1,98 @@
-"""The scores of a policy on a split: the results of its episodes, and the resulting figures."""
+"""Episodes, the scores that follow from them, and the confidence intervals of their means.
+
+The interval of one seed says how this policy does on other labyrinths; that of several seeds, how
+other seeds of the method do. Every seed is evaluated on the same labyrinths, so the variance of the
+mean is the variance by seeds plus the variance by labyrinths, minus the residual that both contain
+(Owen 2007, "The pigeonhole bootstrap"). The margin is a quantile of Student's t, with the degrees
+of freedom of Satterthwaite (1946).
+
+This alone would be too narrow near the ends of the range, and would have no width at 0% or 100%. So
+z^2 labyrinths are added, half with the lowest possible value and half with the highest, as by
+Agresti and Coull (1998), "Approximate is better than exact". docs/studies/results.md has a
+simulation of how often the interval contains the true mean.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from math import inf, pi, sqrt, tan
+from statistics import NormalDist
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.intervals import interval
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import OUTCOMES, Episodes, decisions, follow
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
+
+OUTCOMES = {
+    "solved": "the goal is reached",
+    "loop": "the agent goes round between cells until the episode is cut",
+    "wall": "the agent walks into a wall or a locked door until the episode is cut",
+    "ice": "the agent steps on ice",
+    "cut": "a fixed route ends elsewhere than on the goal",
+}
+"""Outcome of an episode -> what happens."""
 
 ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 """The shares of optimal actions; see `Scores`."""
 
 
 @dataclass(frozen=True, eq=False)
+class Episodes:
+    """The results of one episode in each of L labyrinths; shapes are (E, L) for E episodes each."""
+
+    outcomes: NDArray[np.str_]
+    """Keys of `OUTCOMES`, shape (L,)."""
+    moves: NDArray[np.int64]
+    """Numbers of steps, those into walls included, shape (L,)."""
+    cells: int
+    """The number of cells of a labyrinth."""
+
+    @classmethod
+    def of_letters(
+        cls, letters: Sequence[str], moves: Sequence[Sequence[int]], cells: int
+    ) -> Episodes:
+        """Return E episodes in each of L labyrinths, from E texts as `letters` returns them."""
+        names = {name[0]: name for name in OUTCOMES}
+        outcomes = np.array([[names[letter] for letter in row] for row in letters])
+        return cls(outcomes, np.array(moves, np.int64), cells)
+
+    @property
+    def letters(self) -> list[str]:
+        """One text per episode E: the first letter of the outcome in each labyrinth."""
+        return ["".join(name[0] for name in row) for row in np.atleast_2d(self.outcomes).tolist()]
+
+    @property
+    def step_limit(self) -> int:
+        """The number of steps after which an episode is cut."""
+        return RULES.step_limit * self.cells
+
+    @property
+    def solved(self) -> NDArray[np.bool_]:
+        """Whether the goal was reached, shape (L,)."""
+        solved: NDArray[np.bool_] = self.outcomes == "solved"
+        return solved
+
+    @property
+    def returns(self) -> NDArray[np.float64]:
+        """Sums of the rewards, shape (L,); exactly -4 for an episode that is cut.
+
+        Computed as a product, since a sum of many small penalties gathers rounding errors.
+        """
+        ends = np.select(
+            [self.solved, self.outcomes == "ice"], [RULES.goal_reward, RULES.ice_reward]
+        )
+        returns: NDArray[np.float64] = (
+            ends - RULES.step_penalty * (self.moves - (ends != 0)) / self.cells
+        )
+        return returns
+
+
+@dataclass(frozen=True, eq=False)
 class Scores:
     """The results of episodes in each of L labyrinths, and the accuracy over all their states."""
-
-    WHY_SPL: ClassVar[str] = (
-        "SPL (success weighted by path length) comes before SR (success rate), because SR rewards "
-        "wandering:\nwithin 40 steps per cell even random steps solve most labyrinths."
-    )
-    """The sentence printed with every table of scores."""
 
     episodes: Episodes
     """The results, of shape (L,), or (E, L) for E episodes in each labyrinth."""
@@ -102,13 +168,13 @@ class Scores:
     def sr_known_route(self) -> float | None:
         """Success rate where `known_route` holds; None without such labyrinths."""
         known = self.known_route
-        return None if known is None else _mean(self.episodes.solved[..., known])
+        return None if known is None else mean_if_any(self.episodes.solved[..., known])
 
     @property
     def sr_new_route(self) -> float | None:
         """Success rate where `known_route` does not hold; None without such labyrinths."""
         known = self.known_route
-        return None if known is None else _mean(self.episodes.solved[..., ~known])
+        return None if known is None else mean_if_any(self.episodes.solved[..., ~known])
 
     @property
     def aer(self) -> float:
@@ -118,7 +184,7 @@ class Scores:
     @property
     def path_efficiency(self) -> float | None:
         """Moves on a shortest route divided by moves taken, averaged over the solved episodes."""
-        return _mean((self.distance / self.episodes.moves)[self.episodes.solved])
+        return mean_if_any((self.distance / self.episodes.moves)[self.episodes.solved])
 
     def summary(self) -> dict[str, float]:
         """Return the figures that baselines have as well."""
@@ -173,25 +239,100 @@ class Scores:
         }
 
 
-def score(policy: Policy, arrays: LabyrinthArrays) -> Scores:
-    """Return the scores of a policy without memory, by look-ups in all states at once.
+def mean_if_any(values: NDArray[Any]) -> float | None:
+    """Return the mean of values; None if there are none."""
+    return float(values.mean()) if values.size else None
 
-    Raises:
-        PolicyError: The policy raises an error, or answers with anything but actions.
+
+# Confidence intervals, without resampling.
+
+CONFIDENCE = 0.95
+_Z = NormalDist().inv_cdf((1 + CONFIDENCE) / 2)
+
+_DIGITS = 12
+"""Bounds are rounded to this number of decimal places, since processors round sums differently."""
+
+
+def interval(
+    values: NDArray[np.float64],
+    minus: NDArray[np.float64] | None = None,
+    ends: tuple[float, float] = (0.0, 1.0),
+) -> tuple[float, float]:
+    """Return the bounds of the interval of the mean at the level `CONFIDENCE`.
+
+    The mean of the values is always within the bounds.
+
+    Args:
+        values: A value for each seed and labyrinth, shape (seeds, labyrinths).
+        minus: Values of the same seeds on other labyrinths, whose mean is subtracted.
+        ends: The lowest and the highest possible value, of `minus` as well.
     """
-    acting = np.flatnonzero(~arrays.terminal)
-    actions = np.zeros(len(arrays.terminal), np.int64)
-    actions[acting] = decisions(policy, arrays, acting)
-    right = np.take_along_axis(arrays.optimal, actions[:, None], axis=1)[:, 0]
-    solvable, shown = arrays.optimal.any(axis=1), arrays.on_demonstration
-    return Scores(
-        episodes=follow(arrays, actions),
-        labyrinth_ids=arrays.labyrinth_ids,
-        distance=arrays.distance,
-        accuracy_on_demonstrations=_mean(right[solvable & shown]),
-        accuracy_elsewhere=_mean(right[solvable & ~shown]),
+    low, high = ends
+    if minus is None:
+        lowest, highest, parts = low, high, [_part(values, low, high, _Z**2)]
+    else:
+        lowest, highest = low - high, high - low
+        others = _part(-minus, -high, -low, _Z**2 / 2)
+        parts = [_part(values, low, high, _Z**2 / 2), others]
+    seeds = len(values)
+    of_seeds = np.sum([each.of_seeds for each in parts], axis=0)
+    by_seeds = float(of_seeds.var(ddof=seeds > 1)) / seeds
+    by_labyrinths = sum(each.by_labyrinths for each in parts)
+    # Both variances contain the residual, but their sum is no less than either.
+    variance = by_seeds + by_labyrinths - sum(each.residual for each in parts)
+    variance = max(variance, by_seeds, by_labyrinths) + sum(each.added for each in parts)
+    squares = by_seeds**2 / max(seeds - 1, 1)
+    squares += sum(each.by_labyrinths**2 / max(each.labyrinths - 1, 1) for each in parts)
+    freedom = max(variance**2 / squares, 1) if squares else inf
+    margin = _quantile(freedom) * sqrt(variance)
+    mean, centre = float(values.mean()), float(of_seeds.mean())
+    if minus is not None:
+        mean -= float(minus.mean())
+    bounds = max(min(mean, centre - margin), lowest), min(max(mean, centre + margin), highest)
+    return round(bounds[0], _DIGITS), round(bounds[1], _DIGITS)
+
+
+class _Part(NamedTuple):
+    """The mean over a set of labyrinths and some added ones, and the parts of its variance."""
+
+    of_seeds: NDArray[np.float64]
+    """The mean of each seed, shape (seeds,)."""
+    labyrinths: int
+    by_labyrinths: float
+    """The variance of the mean by the choice of labyrinths."""
+    residual: float
+    """How much of the variance by labyrinths, and by seeds, is residual."""
+    added: float
+    """The variance of the mean by the added labyrinths."""
+
+
+def _part(values: NDArray[np.float64], low: float, high: float, added: float) -> _Part:
+    """Return the mean of values and of as many labyrinths as `added`, half of each end."""
+    seeds, labyrinths = values.shape
+    share = labyrinths / (labyrinths + added)
+    rows, columns = values.mean(axis=1), values.mean(axis=0)
+    mean, middle = float(values.mean()), (low + high) / 2
+    rest = values - rows[:, None] - columns + mean
+    several = seeds > 1 and labyrinths > 1
+    between = share * (mean - middle) ** 2 + ((high - low) / 2) ** 2
+    return _Part(
+        share * rows + (1 - share) * middle,
+        labyrinths,
+        share**2 * float(columns.var(ddof=several)) / labyrinths,
+        share**2 * float(np.square(rest).mean()) / ((seeds - 1) * (labyrinths - 1) or inf),
+        (1 - share) * between / (labyrinths + added),
     )
 
 
-def _mean(values: NDArray[Any]) -> float | None:
-    return float(values.mean()) if values.size else None
+def _quantile(freedom: float) -> float:
+    """Return the quantile of Student's t for the upper bound; `freedom` is at least 1.
+
+    With t = sqrt(freedom) * tan(angle), the density of the angle is a power of its cosine.
+    """
+    if freedom > 1_000:
+        return _Z
+    angles = np.linspace(0, pi / 2, 1_001)
+    density = np.cos(angles) ** (freedom - 1)
+    below = np.cumsum(density[1:] + density[:-1])
+    angle = np.interp(CONFIDENCE * below[-1], below, angles[1:])
+    return sqrt(freedom) * tan(angle)

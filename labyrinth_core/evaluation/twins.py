@@ -20,12 +20,10 @@ from math import ceil
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
+from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth, Labyrinths
 
 FIRST_SEED = 2**62
 """The seed of the first control. A control with the seed of the dataset is left out."""
@@ -87,8 +85,8 @@ class Demonstrated:
                 for episode in Drawing(config).episodes("train", labyrinth):
                     actions = episode.actions.tolist()
                     for state, action in zip(episode.states[:-1], actions, strict=True):
-                        place = train, number, labyrinth.state_index(state)
-                        taken.setdefault(place, [0, 0, 0, 0])[action] += 1
+                        key = train, number, labyrinth.state_index(state)
+                        taken.setdefault(key, [0, 0, 0, 0])[action] += 1
                 number += 1
         counts = np.array([*taken.values()], np.float32)
         shares = counts / counts.sum(axis=1, keepdims=True)

@@ -23,8 +23,7 @@ from numpy.typing import NDArray
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable_line
 from labyrinth_core.language.text import parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 
 MAX_BYTES = 1 << 28
 """The largest file size."""

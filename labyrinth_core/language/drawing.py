@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, neighbours
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, State, Structure
 
 AGENT, HIDDEN, ROUTE = "@", "?", "."
 
@@ -27,15 +25,15 @@ def draw_text(
     drawing = list(text[text.index("-----") : text.index("end\n")])
     structure = labyrinth.structure
     for cell in route:
-        place = _place(structure, cell)
-        drawing[place] = ROUTE if drawing[place] == " " else drawing[place]
+        index = _index(structure, cell)
+        drawing[index] = ROUTE if drawing[index] == " " else drawing[index]
     if state is not None:
         if labyrinth.task.rules.hides:
             _hide(drawing, labyrinth, structure.visible_from(state.agent))
         for tile, gone in ((labyrinth.key, state.has_key), (labyrinth.door, state.door_open)):
             if tile is not None and gone:
-                drawing[_place(structure, tile)] = " "
-        drawing[_place(structure, state.agent)] = AGENT
+                drawing[_index(structure, tile)] = " "
+        drawing[_index(structure, state.agent)] = AGENT
     return "".join(drawing)
 
 
@@ -45,7 +43,7 @@ def describe(labyrinth: Labyrinth, state: State) -> str:
     return text[: text.index("-----")] + draw_text(labyrinth, state) + "end\n"
 
 
-def _place(structure: Structure, cell: int) -> int:
+def _index(structure: Structure, cell: int) -> int:
     """Return the index of a cell in the drawing."""
     row, column = divmod(cell, structure.width)
     line, length = 2 * (structure.height - 1 - row) + 1, 4 * structure.width + 2
@@ -55,10 +53,8 @@ def _place(structure: Structure, cell: int) -> int:
 def _hide(drawing: list[str], labyrinth: Labyrinth, seen: frozenset[int]) -> None:
     """Hide the cells out of sight, except start and goal, and the walls between two such cells."""
     structure = labyrinth.structure
-    for cell in set(range(structure.cells)) - seen:
-        place = _place(structure, cell)
-        if cell not in (labyrinth.start, labyrinth.goal):
-            drawing[place] = HIDDEN
-        for beside in neighbours(cell, structure.height, structure.width).values():
-            if beside not in seen:
-                drawing[(place + _place(structure, beside)) // 2] = HIDDEN
+    for cell in set(range(structure.cells)) - seen - {labyrinth.start, labyrinth.goal}:
+        drawing[_index(structure, cell)] = HIDDEN
+    for pair in Structure.without_walls(structure.height, structure.width).passages():
+        if seen.isdisjoint(pair):
+            drawing[sum(_index(structure, cell) for cell in pair) // 2] = HIDDEN

@@ -17,9 +17,7 @@ from labyrinth_core.language.source_text import (
     character_at,
     with_line_feeds,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError, Task, neighbours
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure
+from labyrinth_core.world import SIDES, Labyrinth, LabyrinthError, Structure, Task
 
 _Pair = tuple[int, tuple[int, int]]
 """The offset of a pair of numbers in the text, and the pair."""
@@ -62,19 +60,19 @@ def parse_edges(
     if height is None or width is None:
         last_cell = max((cell for _, pair in edges for cell in pair), default=0)
         last_line = max(line for _, pair in tiles for line in pair)
-        height = width = max(MIN_SIDE, last_line + 1, isqrt(last_cell) + 1)
+        height = width = max(SIDES[0], last_line + 1, isqrt(last_cell) + 1)
     structure = _structure(reader, height, width, edges)
     return _build(reader, structure, tiles, task)
 
 
 def _structure(reader: _Reader, height: int, width: int, edges: list[_Pair]) -> Structure:
     size = f"{height}x{width}"
-    if not (MIN_SIDE <= height <= MAX_SIDE and MIN_SIDE <= width <= MAX_SIDE):
-        sides = f"{MIN_SIDE} to {MAX_SIDE:,} rows and columns"
+    if height not in SIDES or width not in SIDES:
+        sides = f"{SIDES[0]} to {SIDES[-1]:,} rows and columns"
         raise reader.error(0, "the size does not fit", sides, size)
+    grid = Structure.without_walls(height, width)
     for offset, (a, b) in edges:
-        low, high = min(a, b), max(a, b)
-        if high >= height * width or high not in neighbours(low, height, width).values():
+        if max(a, b) >= grid.cells or grid.grid_distance(a, b) != 1:
             expected = f"neighbouring cells of a {size} grid (name its size if it is another)"
             raise reader.error(offset, "in an edge", expected, f"{a} and {b}")
     return Structure.from_passages(height, width, (edge for _, edge in edges))

@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.language.source_text import LabyrinthSyntaxError
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.batch import Labyrinths, Structures
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Labyrinths, Structure, Structures, Task
 
 
 def parse_many(texts: Sequence[str]) -> Labyrinths | None:

@@ -15,8 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import NoReturn
 
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE
+from labyrinth_core.world import SIDES, LabyrinthError
 
 MAX_TEXT = 32 * 1024 * 1024
 """The most characters of a text, or bytes of a file; the largest drawing has a quarter of that."""
@@ -260,9 +259,9 @@ def parse_size(text: str) -> tuple[int, int]:
     """
     match = re.fullmatch(r"\s*(\d{1,5})(?:\s*[xX]\s*(\d{1,5}))?\s*", text, re.ASCII)
     sides = (int(match[1]), int(match[2] or match[1])) if match else (0, 0)
-    if not all(MIN_SIDE <= side <= MAX_SIDE for side in sides):
+    if not all(side in SIDES for side in sides):
         raise ValueError(
-            f"size={text}: give a whole number from {MIN_SIDE} to {MAX_SIDE:,} such as 5, "
+            f"size={text}: give a whole number from {SIDES[0]} to {SIDES[-1]:,} such as 5, "
             "or height x width such as 4x6"
         )
     return sides

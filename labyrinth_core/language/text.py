@@ -14,10 +14,18 @@ import numpy as np
 
 from labyrinth_core.checks import whole
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, Source, quoted, read_text
-from labyrinth_core.world.labyrinth import Labyrinth, Sketch
-from labyrinth_core.world.rules import TILES, LabyrinthError, Look, Task
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, digits, identity
-from labyrinth_core.world.tasks import Placer, default_start_and_goal
+from labyrinth_core.world import (
+    SIDES,
+    TILES,
+    Labyrinth,
+    LabyrinthError,
+    Look,
+    Placer,
+    Sketch,
+    Structure,
+    Task,
+    identity,
+)
 
 __all__ = [
     "SETTINGS",
@@ -227,11 +235,11 @@ def _parse_drawing(source: Source) -> _Drawing:
             break
         if not wall_line.fullmatch(line):
             _refuse_line(source, offset, line, len(top), cells=False)
-        if len(rows) == MAX_SIDE:
-            source.fail(offset, "the drawing is too tall", f"at most {MAX_SIDE:,} rows", "more")
+        if len(rows) == SIDES[-1]:
+            source.fail(offset, "the drawing is too tall", f"at most {SIDES[-1]:,} rows", "more")
         up.append(line[-3::-4])
-    if len(rows) < MIN_SIDE:
-        expected = f"{MIN_SIDE} to {MAX_SIDE:,} rows"
+    if len(rows) not in SIDES:
+        expected = f"{SIDES[0]} to {SIDES[-1]:,} rows"
         source.fail(offset, "the drawing has too few rows", expected, str(len(rows)))
     bits = (int("".join(lines).translate(_OPEN_IN_TEXT), 2) for lines in (up, right))
     structure = Structure(len(rows), width, *bits)
@@ -249,11 +257,11 @@ def _parse_top(source: Source) -> str:
         expected = "'-'" if dashes else "a line of dashes, the outer wall"
         source.fail(offset + dashes, "in the top line of the drawing", expected)
     width, rest = divmod(dashes - 1, 4)
-    if rest or not MIN_SIDE <= width <= MAX_SIDE:
+    if rest or width not in SIDES:
         source.fail(
             offset,
             "the top line of the drawing has the wrong length",
-            f"four dashes for each of {MIN_SIDE} to {MAX_SIDE:,} columns, and one more",
+            f"four dashes for each of {SIDES[0]} to {SIDES[-1]:,} columns, and one more",
             f"{dashes:,} dashes",
         )
     return line
@@ -325,7 +333,7 @@ def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) ->
 
 def _ends(source: Source, drawing: _Drawing) -> tuple[int, int]:
     """Return the cells of start and goal, in their default places if they are not drawn."""
-    start, goal = default_start_and_goal(drawing.structure.height, drawing.structure.width)
+    start, goal = drawing.structure.default_ends
     drawn_start, drawn_goal = _only(source, drawing, "S"), _only(source, drawing, "E")
     return (
         start if drawn_start is None else drawn_start,
@@ -372,8 +380,8 @@ def dump(labyrinth: Labyrinth) -> str:
     """Return the canonical text of a labyrinth, which `parse` turns into the same labyrinth."""
     structure = labyrinth.structure
     width, cells = structure.width, structure.cells
-    above = digits(structure.up, cells).encode().translate(_HORIZONTAL)
-    beside = digits(structure.right, cells).encode().translate(_VERTICAL)
+    up, right = structure.digits()
+    above, beside = up.encode().translate(_HORIZONTAL), right.encode().translate(_VERTICAL)
     tiles = bytearray(b" ") * cells
     tiles[labyrinth.start], tiles[labyrinth.goal] = b"SE"
     if labyrinth.task.rules.tiles:

@@ -15,15 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure
-from labyrinth_core.world.tasks import default_start_and_goal
+from labyrinth_core.world import SIDES, Labyrinth, Structure, Structures
 
 START, GOAL = 2, 3
 """The elements that mark start and goal; walls and openings are 0 and 1."""
 
-SIZES = f"2h + 1 rows and 2w + 1 columns, h and w from {MIN_SIDE} to {MAX_SIDE:,}"
+SIZES = f"2h + 1 rows and 2w + 1 columns, h and w from {SIDES[0]} to {SIDES[-1]:,}"
 """The shapes that a wall grid can have, for messages."""
 
 _ELEMENTS = {"|": 1, "-": 1, "+": 1, "S": START, "E": GOAL}
@@ -51,7 +48,7 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
         ValueError: The array has another shape, an element is not allowed in its place (the message
             begins with the place), or the labyrinth breaks a rule.
     """
-    fits = (side % 2 and MIN_SIDE <= side // 2 <= MAX_SIDE for side in grid.shape)
+    fits = (side % 2 and side // 2 in SIDES for side in grid.shape)
     if grid.ndim != 2 or not all(fits):
         sides = " x ".join(f"{side:,}" for side in grid.shape)
         raise ValueError(f"{sides} elements, but a wall grid has {SIZES}")
@@ -79,7 +76,7 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
         return structure
     start, goal = (
         default if marked is None else marked
-        for marked, default in zip(ends, default_start_and_goal(height, width), strict=True)
+        for marked, default in zip(ends, structure.default_ends, strict=True)
     )
     return Labyrinth(structure, start, goal)
 
@@ -106,10 +103,10 @@ def from_connections(connections: NDArray[Any]) -> Structure:
     """
     sides = connections.shape[1:]
     is_pair = connections.ndim == 3 and len(connections) == 2
-    if not (is_pair and all(MIN_SIDE <= side <= MAX_SIDE for side in sides)):
+    if not (is_pair and all(side in SIDES for side in sides)):
         raise ValueError(
             f"its connections have the shape {connections.shape}: expected (2, rows, columns), "
-            f"both from {MIN_SIDE} to {MAX_SIDE:,}"
+            f"both from {SIDES[0]} to {SIDES[-1]:,}"
         )
     if not np.isin(connections, (0, 1)).all():
         raise ValueError("its connections are not all 0 or 1")

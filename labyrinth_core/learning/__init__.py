@@ -1,14 +1,38 @@
-"""What a method of learning is made of: its base classes, and the steps that it learns from.
+"""What learns: networks, methods, and the base classes and steps that a method is made of.
 
-A user's own method imports from here; the methods of this project are in `pipeline.training`.
+A user's own method imports from here; the methods of this project are in `methods`.
 """
 
-from labyrinth_core.learning.learner import BaseSettings as BaseSettings
-from labyrinth_core.learning.learner import Learner as Learner
-from labyrinth_core.learning.learner import Problem as Problem
-from labyrinth_core.learning.learner import setting as setting
-from labyrinth_core.learning.observations import Observations as Observations
-from labyrinth_core.learning.steps import Rollout as Rollout
-from labyrinth_core.learning.steps import Steps as Steps
-from labyrinth_core.learning.steps import roll_out as roll_out
-from labyrinth_core.policies.networks.acting import outputs_of as outputs_of
+from typing import TYPE_CHECKING
+
+from labyrinth_core.doors import door
+
+if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
+    from labyrinth_core.learning.learner import BaseSettings as BaseSettings
+    from labyrinth_core.learning.learner import Learner as Learner
+    from labyrinth_core.learning.learner import Problem as Problem
+    from labyrinth_core.learning.learner import setting as setting
+    from labyrinth_core.learning.networks.acting import outputs_of as outputs_of
+    from labyrinth_core.learning.observations import Observations as Observations
+    from labyrinth_core.learning.steps import Rollout as Rollout
+    from labyrinth_core.learning.steps import Steps as Steps
+    from labyrinth_core.learning.steps import roll_out as roll_out
+else:
+    __getattr__, __dir__ = door(
+        __name__,
+        {
+            "learner": (
+                "BaseSettings",
+                "Learner",
+                "Problem",
+                "setting",
+            ),
+            "networks.acting": ("outputs_of",),
+            "observations": ("Observations",),
+            "steps": (
+                "Rollout",
+                "Steps",
+                "roll_out",
+            ),
+        },
+    )

@@ -10,22 +10,18 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import nn
 from torch.optim import Optimizer
 
-from labyrinth_core.evaluation.contract import check_policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
+from labyrinth_core.evaluation import LabyrinthArrays, check_policy
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.steps import Steps, roll_out
+from labyrinth_core.learning.spec import OWN, NetworkSpec
+from labyrinth_core.learning.steps import Steps, roll_out, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.spec import OWN, NetworkSpec
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8
 """The number of labyrinths that a method is tried on."""
@@ -124,19 +120,8 @@ def _problem(method: Any, settings: Any, height: int, width: int, task: Task) ->
     return Problem(
         arrays=arrays,
         observations=Observations(arrays.observations, "cpu"),
-        demonstrations=_demonstrated(arrays.next_state, arrays.initial, routes),
+        demonstrations=steps_along(arrays, arrays.initial, routes),
         exploration=walked,
         spec=spec,
         rng=rng,
-    )
-
-
-def _demonstrated(
-    next_state: NDArray[np.int64], starts: NDArray[np.int64], routes: list[NDArray[np.int64]]
-) -> Steps:
-    walked = list(walk(next_state, starts, routes))
-    return Steps(
-        np.concatenate([states[:-1] for states in walked]),
-        np.concatenate(routes),
-        np.concatenate([states[1:] for states in walked]),
     )

@@ -19,11 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
-from labyrinth_core.world.structure import UNREACHABLE
+from labyrinth_core.evaluation import LabyrinthArrays
+from labyrinth_core.world import Episode, Labyrinth, State
 
 NO_LABEL = -1
 
@@ -37,7 +34,7 @@ class ExampleSampler:
         self.episodes: list[Episode] = []
         for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
             labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
-            self.episodes.append(replay(labyrinth, route.tolist()))
+            self.episodes.append(labyrinth.replay(route.tolist()))
 
     @cached_property
     def parts(self) -> list[Parts]:
@@ -120,7 +117,7 @@ class Parts(Sequence[tuple[int, int]]):
         else:
             starts = np.array([not state.has_key for state in episode.states])
             before_door = np.array(labyrinth.structure.distances(labyrinth.start, [door]))
-            behind = (before_door[self._cells] == UNREACHABLE) & (self._cells != door)
+            behind = (before_door[self._cells] < 0) & (self._cells != door)
             first_visits = np.zeros(len(self._cells), np.bool_)
             first_visits[np.unique(self._cells, return_index=True)[1]] = True
             self._goals = behind & first_visits

@@ -15,14 +15,13 @@ from itertools import chain, islice
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.data import DatasetConfig, Drawing
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps, steps_along
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 
 RENEWING = 3
 """The purpose of a seed, besides those of `labyrinth_core.data.drawing`."""

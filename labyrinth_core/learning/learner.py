@@ -17,15 +17,14 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
-from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.examples import ExampleSampler
+from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
+from labyrinth_core.learning.networks.network import ACTIONS, Network
 from labyrinth_core.learning.observations import Observations, parts_of
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.acting import BATCH, outputs_of
-from labyrinth_core.policies.networks.network import ACTIONS, Network
-from labyrinth_core.policies.spec import NetworkSpec
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -135,14 +134,14 @@ class Learner(ABC):
             width: The number of their columns.
 
         Raises:
-            ConfigError: The policy cannot see labyrinths of that size.
+            PolicyError: The policy cannot see labyrinths of that size.
         """
         return DEFAULT_IMAGE_SIZE
 
     @classmethod
     def figures(
         cls,
-        policy: Policy,  # noqa: ARG003
+        policy: NetworkPolicy,  # noqa: ARG003
         train: LabyrinthArrays,  # noqa: ARG003
         validation: LabyrinthArrays,  # noqa: ARG003
     ) -> dict[str, float]:
@@ -159,7 +158,7 @@ class Learner(ABC):
         return figures["validation_sr"] >= best["validation_sr"]
 
     @classmethod
-    def player(cls, policy: Policy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
+    def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
         """Return the policy that acts, in any form that `evaluate` accepts.
 
         By default it is a function, which has no memory and so is evaluated by look-ups. A method

@@ -10,11 +10,11 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from labyrinth_core.data.datasets import Selection
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, walk
+from labyrinth_core.data import Selection
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import LabyrinthArrays
+from labyrinth_core.learning.networks.network import MOMENTUM, double
 from labyrinth_core.learning.observations import Observations, parts_of
-from labyrinth_core.policies.networks.network import MOMENTUM, double
 
 SETTLED_BY = 256
 """The batch size of `settle`, on which the statistics depend."""
@@ -75,7 +75,7 @@ def steps_along(
     arrays: LabyrinthArrays, starts: NDArray[np.int64], routes: Sequence[NDArray[np.int64]]
 ) -> Steps:
     """Return the transitions of routes, each a start, shape (routes,), and its actions."""
-    walked = list(walk(arrays.next_state, starts, routes))
+    walked = list(arrays.walk(starts, routes))
     return Steps(
         np.concatenate([states[:-1] for states in walked]),
         np.concatenate(routes),

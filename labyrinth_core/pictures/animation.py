@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import Episode
+from labyrinth_core.world import Episode
 
 STEP_SECONDS = 0.3
 END_SECONDS = 1.5

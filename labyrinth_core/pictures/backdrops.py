@@ -32,7 +32,7 @@ from labyrinth_core.pictures.renderer import (
     squares,
 )
 from labyrinth_core.pictures.vector import hide
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 Pictures = NDArray[np.uint8]
 """Shape (N, image_size, image_size, 3)."""
@@ -109,10 +109,7 @@ class Backdrops:
         self._width = scenes.width
         self._codes, shown = _codes(scenes)
         self._palette = _palette(style, bands.rows.bands.dtype)
-        planes = self._palette.ground.T[:, shown]
-        # Multiply one channel at a time, which is fastest; then put a pixel's channels together.
-        sums = (bands.rows.bands @ planes @ bands.columns.bands.T).transpose(1, 2, 3, 0)
-        self._sums: Sums = np.add(sums, bands.unit // 2, order="C")
+        self._sums = self._drawn(shown)
         if scenes.task.rules.phases > 1:
             for code in (KEY, OPEN_DOOR):
                 self._add_squares(code, squares(style, code))
@@ -139,6 +136,22 @@ class Backdrops:
             whole._codes[own], whole._sums[own] = part._codes, part._sums
             whole._colours[own] = part._colours
         return whole
+
+    def _drawn(self, shown: NDArray[np.uint8]) -> Sums:
+        """Return the sums of scenes without squares, given the codes of their bands.
+
+        All scenes are multiplied together, one channel at a time.
+        """
+        rows, columns = self._bands.rows.bands, self._bands.columns.bands
+        count, height, width = shown.shape
+        abreast = shown.transpose(1, 0, 2)
+        sums = np.empty((count * len(rows), len(columns), 3), rows.dtype)
+        for channel in range(3):
+            planes = self._palette.ground[:, channel][abreast].reshape(height, -1)
+            lines = (rows @ planes).reshape(-1, count, width).transpose(1, 0, 2)
+            sums[..., channel] = lines.reshape(-1, width) @ columns.T
+        sums += self._bands.unit // 2
+        return sums.reshape(count, len(rows), -1, 3)
 
     def __len__(self) -> int:
         """Return the number of scenes."""

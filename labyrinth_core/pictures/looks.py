@@ -11,9 +11,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.pictures.observations import RESIZES, ObservationSpec
 from labyrinth_core.pictures.scenes import DRAWN_CELLS, KeptScenes
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look
+from labyrinth_core.world import Labyrinth, Labyrinths, Look
 
 HELD_BYTES = 2**30
 """Above this many bytes, observations of all states are not held, but made when indexed."""

@@ -25,9 +25,7 @@ from labyrinth_core.pictures.vector import (
     vector_observation,
     vector_observations,
 )
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
 
 Numbers = NDArray[np.int64]
 
@@ -120,6 +118,16 @@ class ObservationSpec:
     def together(self) -> int:
         """Rows observed in one batch: their pictures take 8 MB, about a processor's cache."""
         return max(1, DRAWN_BYTES // (3 * self.image_size**2))
+
+    def memory(self, rows: int) -> NDArray[np.uint8]:
+        """Return an array for the pictures of a batch, shape (rows, image_size, image_size, 3).
+
+        Batches differ in size by an episode. Their memory has one size, so that a batch is written
+        where one before it was: else the system clears new pages, a quarter of a short epoch.
+        """
+        size = self.image_size
+        capacity = max(rows, self.together * 9 // 8)
+        return np.empty((capacity, size, size, 3), np.uint8)[:rows]
 
     def decoded(
         self, pngs: Iterable[bytes | None], pictures: NDArray[np.uint8] | None = None

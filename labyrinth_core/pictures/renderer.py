@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode
 from labyrinth_core.pictures.resize import shrink
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, Look, State
+from labyrinth_core.world import TILES, Labyrinth, Look, State
 
 MAX_PICTURED_SIDE = (PICTURE_SIZE - 1) // 2
 """The most rows and columns with which every cell and wall still has a pixel."""

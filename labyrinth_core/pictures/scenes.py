@@ -31,9 +31,7 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     seen_by,
 )
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, to draw together."""
@@ -279,12 +277,19 @@ def _fill(
     order = scene.argsort(kind="stable")
     ascending = scene[order]
     for first, some in backdrops:
+        if not first and len(some) > ascending[-1]:  # All scenes are here: no order is needed.
+            some.draw(pictures, scene, agents, with_key)
+            return
         part = slice(*np.searchsorted(ascending, [first, first + len(some)]))
         places = order[part]
         if not len(places):
             continue
         in_order = (np.diff(places) == 1).all()
-        drawn = pictures[places[0] :][: len(places)] if in_order else pictures[places]
+        drawn = (
+            pictures[places[0] :][: len(places)]
+            if in_order
+            else np.empty((len(places), *pictures.shape[1:]), np.uint8)
+        )
         some.draw(drawn, ascending[part] - first, agents[places], with_key[places])
         if not in_order:
             pictures[places] = drawn

@@ -12,9 +12,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch import Labyrinths, Structures, seen_together
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, State, Structures, Task, seen_together
 
 OPEN, WALL, ICE = 0, 1, 2
 """The entries of the wall grid; what the agent does not see is encoded as a wall.

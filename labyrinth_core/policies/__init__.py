@@ -1,4 +1,4 @@
-"""Trained policies: the form of their files, and loading them from a folder or the Hub.
+"""Trained policies: opening a run, a released policy, a graph or a Python object by its name.
 
-Their networks are in `networks`, which needs PyTorch.
+Their networks are in `labyrinth_core.learning`.
 """

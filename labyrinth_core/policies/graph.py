@@ -20,11 +20,12 @@ from weakref import finalize
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import ACTIONS, PolicyError
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies import graph_process
 from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES
+from labyrinth_core.world.rules import Action
 
 SECONDS = float(graph_process.SECONDS)
 """The maximum seconds for loading a graph, and for answering a batch of observations."""
@@ -109,7 +110,7 @@ class GraphPolicy:
                 f"its input is {seen} of shape {shape}: give uint8 or float of shape [batch, "
                 "pixels, pixels, 3], or vectors of shape [batch, length]"
             )
-        other = len(scores) != 2 or (type(scores[1]) is int and scores[1] != ACTIONS)
+        other = len(scores) != 2 or (type(scores[1]) is int and scores[1] != len(Action))
         if answered != "tensor(float)" or other:
             self._refuse(f"its output is {answered} of shape {scores}: give float of [batch, 4]")
         self.observation = "image" if pictures else "vector"
@@ -130,8 +131,8 @@ class GraphPolicy:
                 f"its vectors have {self._length} numbers, those of these labyrinths {length}"
             )
         content = np.ascontiguousarray(observations, self._dtype).tobytes()
-        answer = self._ask(content, count, 4 * ACTIONS * count)
-        return np.frombuffer(answer, np.float32).reshape(count, ACTIONS)
+        answer = self._ask(content, count, 4 * len(Action) * count)
+        return np.frombuffer(answer, np.float32).reshape(count, len(Action))
 
     def _ask(self, content: bytes, count: int, size: int | None) -> bytes:
         """Send the graph or observations to the process, and return its answer.

@@ -11,18 +11,17 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 
 if TYPE_CHECKING:
     import torch
 
-    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy
+    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy
 
 PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
@@ -78,7 +77,9 @@ def located(source: str | Path, revision: str | None) -> Path:
     """
     folder = Path(source).expanduser()
     if not folder.is_dir():
-        if not HUB_ID.fullmatch(str(source)):
+        from labyrinth_core import hub
+
+        if not hub.ID.fullmatch(str(source)):
             raise DatasetError(f"{source} is neither a folder nor an id such as user/planner-5x5")
         return downloaded(str(source), revision, PUBLISHED)
     if revision is not None:
@@ -98,7 +99,7 @@ def downloaded(repo_id: str, revision: str | None, names: Iterable[str]) -> Path
     Raises:
         DatasetError: A file is too large or damaged, or the Hub does not give it.
     """
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     names = [*names]
     folder = hub.fetched(repo_id, revision, {name: MOST_BYTES[name] for name in (*names, SUMS)})
@@ -147,9 +148,9 @@ def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
     """Return the policy with its weights, after checking their names, shapes and dtypes."""
     import torch
 
-    from labyrinth_core.policies.networks.acting import LoadedMapper, LoadedPolicy, make_network
-    from labyrinth_core.policies.networks.mapping import Mapper
-    from labyrinth_core.policies.networks.network import usual_defaults
+    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy, make_network
+    from labyrinth_core.learning.networks.mapping import Mapper
+    from labyrinth_core.learning.networks.network import usual_defaults
 
     def make() -> torch.nn.Module:
         return make_network(spec.network, average=spec.average, own=spec.own)

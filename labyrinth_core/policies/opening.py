@@ -15,14 +15,12 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.location import HUB_ID
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError, asked
-from labyrinth_core.evaluation.description import Origin
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import Origin, PolicyError
+from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS
 from labyrinth_core.policies.load import check_size, downloaded, load_policy
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import CONFIG, GRAPH, RECORD, WEIGHTS
+from labyrinth_core.storage import File
 
 _KINDS = ((WEIGHTS, CONFIG), (GRAPH,))
 """The files of each kind of policy, the weights first."""
@@ -108,8 +106,8 @@ is a class or a function without required arguments |
         if not code or revision is not None:
             told = "has no revision" if code else "is not executed"
             raise PolicyNameError(f"{name}: a policy in Python {told}")
-        found = imported(name, lambda module: asked(import_module, module))
-        return asked(found) if _makes_one(found) else found
+        found = imported(name, lambda module: PolicyError.calling(import_module, module))
+        return PolicyError.calling(found) if _makes_one(found) else found
     files = files_of(source, revision)
     origin = files.origin()
     policy = files.open(name)
@@ -153,7 +151,9 @@ def files_of(
 
 def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     """Return the files of a policy on the Hub, after downloading them."""
-    if not HUB_ID.fullmatch(source):
+    from labyrinth_core import hub
+
+    if not hub.ID.fullmatch(source):
         allowed = "neither a folder, a file, nor an id such as user/planner-5x5"
         raise DatasetError(f"{source} is {allowed}")
     for names in _KINDS:

@@ -10,11 +10,12 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypedDict
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import TrainedRun, Training
-from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import TrainedRun, Training
+from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.storage import File
 from labyrinth_core.version import __version__
 
 FORMAT = 2
@@ -32,7 +33,7 @@ class MadeBy(TypedDict):
     train_labyrinths: typed.Learnt
     seed: typed.Seed
     settings: Mapping[typed.Word, Any]
-    config: typed.ConfigName
+    config: Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
     dataset: str
     revision: str | None
     fingerprint: typed.Sha256

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from labyrinth_core.data.errors import MALFORMED, one_line
+from labyrinth_core.errors import MALFORMED, one_line
 
 if TYPE_CHECKING:
     from torch import Tensor

@@ -13,8 +13,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from labyrinth_core.evaluation.contract import check_policy as check_policy
-from labyrinth_core.world.rules import Task
+from labyrinth_core.evaluation import check_policy as check_policy
+from labyrinth_core.world import Task
 
 __all__ = ["check_method", "check_policy"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import RULES, Action, Look, State, Task
 from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import DIAGONALS, UNREACHABLE, Structure, digits
+from labyrinth_core.world.structure import DIAGONALS, UNREACHABLE, Structure
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Structures:
     def of(cls, structures: Sequence[Structure]) -> Structures:
         """Collect one or more structures of the same size."""
         height, width, cells = structures[0].height, structures[0].width, structures[0].cells
-        text = "".join(digits(each.up, cells) + digits(each.right, cells) for each in structures)
+        text = "".join("".join(each.digits()) for each in structures)
         is_open = np.frombuffer(text.encode(), np.uint8).reshape(-1, 2, cells) == ord("1")
         return cls(height, width, is_open[:, 0], is_open[:, 1])
 
@@ -45,6 +45,11 @@ class Structures:
             for passages in (self.up, self.right)
         )
         return Structure(self.height, self.width, up, right)
+
+    @property
+    def default_ends(self) -> tuple[int, int]:
+        """As `Structure.default_ends`: the bottom left and the top right cell."""
+        return 0, self.height * self.width - 1
 
     def moves(self) -> NDArray[np.int32]:
         """Return `Structure.moves` of each: where the actions lead, shape (n, cells, 4)."""

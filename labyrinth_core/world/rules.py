@@ -172,18 +172,3 @@ class State(NamedTuple):
     """The agent's cell."""
     has_key: bool = False
     door_open: bool = False
-
-
-def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:
-    """Return the neighbours of `cell` in the grid by action, regardless of walls."""
-    row, column = divmod(cell, width)
-    beside = {}
-    if row + 1 < height:
-        beside[Action.UP] = cell + width
-    if column + 1 < width:
-        beside[Action.RIGHT] = cell + 1
-    if row > 0:
-        beside[Action.DOWN] = cell - width
-    if column > 0:
-        beside[Action.LEFT] = cell - 1
-    return beside

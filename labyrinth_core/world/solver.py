@@ -50,6 +50,13 @@ class Solver:
         """The number of moves of a shortest route from the start to the goal."""
         return self.distances[self.labyrinth.start]
 
+    @property
+    def tiles_matter(self) -> bool:
+        """Whether the tiles of the task, if it has any, make the best route longer."""
+        labyrinth = self.labyrinth
+        least = labyrinth.structure.least_moves(labyrinth.start, labyrinth.goal)
+        return not labyrinth.task.rules.tiles or self.moves > least
+
     def optimal_actions(self) -> NDArray[np.bool_]:
         """Return which actions begin a shortest route, a boolean array of shape (states, 4).
 

@@ -11,48 +11,31 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
+from typing import NamedTuple
 
-from labyrinth_core.checks import whole
+import numpy as np
+
+from labyrinth_core.world.grid import (
+    bit_set,
+    checked_sides,
+    digits,
+    horizontal_edges,
+    vertical_edges,
+)
 from labyrinth_core.world.rules import Action
-
-MIN_SIDE = 2
-MAX_SIDE = 1_000
-"""The largest height and width; it limits the time and memory that untrusted text can cost."""
+from labyrinth_core.world.sampling import sample_passages
 
 
-def digits(bits: int, cells: int) -> str:
-    """Return a bit set as text, a digit per cell in order: 1 if the cell is in the set, else 0."""
-    return f"{bits:0{cells}b}"[::-1]
+class Buckets(NamedTuple):
+    """The percentage of all structures that belong to each split."""
+
+    train: int = 34
+    validation: int = 33
+    test: int = 33
 
 
-def bit_set(digits: str) -> int:
-    """Return the bit set that a string of digits 0 and 1 describes; the inverse of `digits`."""
-    return int(digits[::-1], 2)
-
-
-def vertical_edges(height: int, width: int) -> int:
-    """Return the bit set of the cells with a neighbour above: all but the top row."""
-    return (1 << (height - 1) * width) - 1
-
-
-def horizontal_edges(height: int, width: int) -> int:
-    """Return the bit set of the cells with a neighbour to the right: all but the last column."""
-    row = (1 << width - 1) - 1
-    return row * (((1 << height * width) - 1) // ((1 << width) - 1))
-
-
-def checked_sides(height: object, width: object) -> tuple[int, int]:
-    """Return the height and width of a labyrinth as Python ints.
-
-    Raises:
-        ValueError: One of them is not an integer from 2 to 1,000.
-    """
-    return whole("height", height, MIN_SIDE, MAX_SIDE), whole("width", width, MIN_SIDE, MAX_SIDE)
-
-
-SPLITS = ("train", "validation", "test")
-BUCKETS = (34, 33, 33)
-"""The default percentages of all structures in these splits."""
+BUCKETS = Buckets()
+"""The default percentages; `BUCKETS._fields` are the names of these splits."""
 
 UNREACHABLE = -1
 """The distance of a state from which the goal cannot be reached."""
@@ -92,6 +75,33 @@ class Structure:
         return cls(*sides, vertical_edges(*sides), horizontal_edges(*sides))
 
     @classmethod
+    def sample(
+        cls,
+        height: int,
+        width: int,
+        rng: np.random.Generator,
+        *,
+        algorithm: str = "wilson",
+        open_walls: float | None = None,
+    ) -> Iterator[Structure]:
+        """Yield random connected structures forever; a structure can occur more than once.
+
+        Args:
+            height: Rows.
+            width: Columns.
+            rng: The source of all randomness.
+            algorithm: How the spanning tree is drawn, a key of `sampling.ALGORITHMS`.
+            open_walls: The probability of opening each wall that the tree leaves;
+                None for `sampling.default_open_walls`.
+
+        Raises:
+            ValueError: The algorithm is unknown, `open_walls` is not a probability, or the height
+                or width is not allowed.
+        """
+        for up, right in sample_passages(height, width, rng, algorithm, open_walls):
+            yield cls(height, width, up, right)
+
+    @classmethod
     def from_passages(
         cls, height: int, width: int, passages: Iterable[tuple[int, int]]
     ) -> Structure:
@@ -129,11 +139,20 @@ class Structure:
         """The number of cells."""
         return self.height * self.width
 
+    @property
+    def default_ends(self) -> tuple[int, int]:
+        """The default start and goal: the bottom left and the top right cell."""
+        return 0, self.cells - 1
+
+    def digits(self) -> tuple[str, str]:
+        """Return `up` and `right` as text, a digit per cell in order: 1 for a passage, else 0."""
+        return digits(self.up, self.cells), digits(self.right, self.cells)
+
     @cached_property
     def moves(self) -> list[Moves]:
         """For each cell, the cells that the actions lead to; a wall leads back to the cell."""
         width = self.width
-        up, right = digits(self.up, self.cells), digits(self.right, self.cells)
+        up, right = self.digits()
         # The last digits are always 0, so an index below 0 finds no passage.
         return [
             (

@@ -6,28 +6,22 @@ lies on every shortest route, so that the best route without ice is longer.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
-from itertools import islice
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from labyrinth_core.checks import whole
+from labyrinth_core.world.grid import checked_sides
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import LabyrinthError, Look, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import UNREACHABLE, Structure, checked_sides
+from labyrinth_core.world.structure import UNREACHABLE, Structure
 
 ICE_SEARCH = 500_000
 """About how many cells the search for a place for ice visits before giving up."""
 MAX_DRAWS = 10_000
 """The structures drawn before giving up; hundreds suffice wherever some structure fits the task."""
-
-
-def default_start_and_goal(height: int, width: int) -> tuple[int, int]:
-    """Return the bottom left and the top right cell."""
-    return 0, height * width - 1
 
 
 def _place_key_and_door(
@@ -158,34 +152,13 @@ def _shortest_route(
     return route
 
 
-def _key_is_a_detour(labyrinth: Labyrinth) -> bool:
-    from_start = labyrinth.structure.distances(labyrinth.start)
-    from_goal = labyrinth.structure.distances(labyrinth.goal)
-    assert labyrinth.key is not None
-    return from_start[labyrinth.key] + from_goal[labyrinth.key] > from_start[labyrinth.goal]
-
-
-def _best_route_is_blocked(labyrinth: Labyrinth) -> bool:
-    without_tiles = labyrinth.structure.distances(labyrinth.goal)[labyrinth.start]
-    return labyrinth.cell_distances[labyrinth.start] > without_tiles
-
-
-class Placement(NamedTuple):
-    """How the tiles of a task are placed."""
-
-    place: Callable[..., dict[str, Any]]
-    """Returns the tiles as fields of `Labyrinth`, given the labyrinth without them, a generator and
-    the cells of single tiles that are not to be chosen; raises LabyrinthError if there is no place
-    for them."""
-    matter: Callable[[Labyrinth], bool]
-    """Returns whether the tiles of a labyrinth make a difference."""
-
-
-PLACEMENTS = {
-    Task.KEY_AND_DOOR: Placement(_place_key_and_door, _key_is_a_detour),
-    Task.ICY_FLOOR: Placement(_place_ice, _best_route_is_blocked),
+PLACEMENTS: dict[Task, Callable[..., dict[str, Any]]] = {
+    Task.KEY_AND_DOOR: _place_key_and_door,
+    Task.ICY_FLOOR: _place_ice,
 }
-"""Each task with tiles -> how they are placed."""
+"""Task -> what places its tiles: it returns them as fields of `Labyrinth`, given the labyrinth
+without them, a generator and the cells of single tiles that are not to be chosen; it raises
+LabyrinthError if there is no place for them."""
 
 
 class Placer(NamedTuple):
@@ -219,8 +192,43 @@ class Placer(NamedTuple):
         if not task.rules.tiles:
             return Labyrinth(structure, start, goal, task, look=look)
         plain = Labyrinth(structure, start, goal)  # Raises if no route leads from start to goal.
-        tiles = PLACEMENTS[task].place(plain, self.rng, **cells)
+        tiles = PLACEMENTS[task](plain, self.rng, **cells)
         return Labyrinth(structure, start, goal, task, look=look, **tiles)
+
+    def labyrinths(
+        self,
+        structures: Iterable[Structure],
+        task: Task,
+        ends: tuple[int, int] | None,
+        allows: Callable[[Structure], bool] | None = None,
+    ) -> Iterator[Labyrinth]:
+        """Yield a labyrinth for each structure that is allowed and can hold the task.
+
+        Args:
+            structures: The structures, without end.
+            task: The task to hold.
+            ends: The cells of start and goal; None for random ones, as in `any_ends`.
+            allows: Returns whether a structure may be used; None allows all.
+
+        Raises:
+            LabyrinthError: `MAX_DRAWS` structures in a row are not allowed or cannot hold the task.
+        """
+        failed = 0
+        for structure in structures:
+            if failed == MAX_DRAWS:
+                raise LabyrinthError(f"none of {failed:,} structures can hold task={task}")
+            failed += 1
+            if allows is not None and not allows(structure):
+                continue
+            try:
+                if ends is None:
+                    labyrinth = self.any_ends(structure, task)
+                else:
+                    labyrinth = self.place(structure, *ends, task)
+            except LabyrinthError:
+                continue
+            failed = 0
+            yield labyrinth
 
     def any_ends(self, structure: Structure, task: Task) -> Labyrinth:
         """Return a labyrinth with random start and goal, far enough apart, and tiles placed.
@@ -328,12 +336,6 @@ class Placer(NamedTuple):
         return [ends[choice] for choice in self.rng.permutation(len(ends))]
 
 
-def tiles_matter(labyrinth: Labyrinth) -> bool:
-    """Return whether the tiles matter: the key is a detour, the ice in the way."""
-    task = labyrinth.task
-    return not task.rules.tiles or PLACEMENTS[task].matter(labyrinth)
-
-
 def sample_labyrinth(
     height: int,
     width: int,
@@ -355,7 +357,7 @@ def sample_labyrinth(
         rng: The source of all randomness.
         start: Cell of the start, None for the bottom left.
         goal: Cell of the goal, None for the top right.
-        algorithm: How the spanning tree is drawn, as for `sampling.sample_structures`.
+        algorithm: How the spanning tree is drawn, as for `Structure.sample`.
         open_walls: Probability of opening each wall that the tree leaves, None for about 0.1.
         allows: Returns whether a structure may be used; None allows all.
 
@@ -368,26 +370,21 @@ def sample_labyrinth(
     if task not in [*Task]:
         raise ValueError(f"task={task}: choose one of {', '.join(Task)}")
     task = Task(task)
-    default_start, default_goal = default_start_and_goal(height, width)
     last = height * width - 1
-    start = default_start if start is None else whole("start", start, 0, last)
-    goal = default_goal if goal is None else whole("goal", goal, 0, last)
+    start = 0 if start is None else whole("start", start, 0, last)
+    goal = last if goal is None else whole("goal", goal, 0, last)
     wish = f"size={height}x{width}, {_wish_text(task, start, goal, width)}"
     _check_apart(start, goal, wish)
     if open_walls is not None:
         task.check_open_walls(open_walls)
-    structures = sample_structures(height, width, rng, algorithm=algorithm, open_walls=open_walls)
-    placer = Placer(rng)
-    for structure in islice(structures, MAX_DRAWS):
-        if allows is not None and not allows(structure):
-            continue
-        try:
-            return placer.place(structure, start, goal, task)
-        except LabyrinthError:
-            continue
-    raise LabyrinthError(
-        f"{wish}: none of {MAX_DRAWS:,} random labyrinths fits; change size, task, start or goal"
-    )
+    structures = Structure.sample(height, width, rng, algorithm=algorithm, open_walls=open_walls)
+    try:
+        return next(Placer(rng).labyrinths(structures, task, (start, goal), allows))
+    except LabyrinthError as error:
+        raise LabyrinthError(
+            f"{wish}: none of {MAX_DRAWS:,} random labyrinths fits; "
+            "change size, task, start or goal"
+        ) from error
 
 
 def _wish_text(task: Task, start: int, goal: int, width: int) -> str:

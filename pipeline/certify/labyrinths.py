@@ -11,15 +11,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line, readable
-from labyrinth_core.data.location import why_unavailable
-from labyrinth_core.data.rows import each_read
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
 from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.storage import AnyPath
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
@@ -157,13 +154,13 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
     import yaml
     from datasets import load_dataset
 
-    from labyrinth_core.data import hub
+    from labyrinth_core import hub
 
     hub.prepare_client()
     try:
         splits = load_dataset(source, config, streaming=True, columns=["info"])
-    except (*hub.UNAVAILABLE, *MALFORMED, yaml.YAMLError) as error:  # `datasets` checks little.
-        reason = why_unavailable(source, error)
+    except (*hub.FAILED, yaml.YAMLError) as error:  # `datasets` checks little.
+        reason = hub.why_unavailable(source, error)
         if isinstance(error, yaml.YAMLError):
             reason = f"{source}: the front matter of its README.md cannot be read"
         elif "BuilderConfig" in str(error):  # No such config; the message lists the others.
@@ -177,14 +174,20 @@ def _infos_of(source: str, config: str | None) -> tuple[dict[str, Iterator[str]]
 
 
 def _infos(source: str, stream: Any) -> Iterator[str]:
-    with readable(source):
-        tables = stream.with_format("arrow").iter(batch_size=256)
-    for table in each_read(tables, source):
-        if "info" not in table.column_names:
+    from labyrinth_core import hub
+
+    tables = stream.with_format("arrow").iter(batch_size=256)
+    while True:
+        try:
+            table = next(tables, None)
+            columns = None if table is None else table.to_pydict()  # A text may not be UTF-8.
+        except hub.FAILED as error:
+            raise DatasetError(f"{source} cannot be read: {one_line(error)}") from error
+        if columns is None:
+            return
+        if "info" not in columns:
             raise DatasetError(f"{source} has no column info")
-        with readable(source):  # A text may not be UTF-8.
-            infos = table["info"].to_pylist()
-        for info in infos:
+        for info in columns["info"]:
             if not isinstance(info, str):
                 raise DatasetError(f"{source}: info={info!r}: every row needs a text")
             yield info

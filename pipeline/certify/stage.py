@@ -11,7 +11,7 @@ import re
 from collections.abc import Iterator
 
 from labyrinth_core.benchmarks import CertifyError, certify
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.certify.labyrinths import certify_labyrinths
 from pipeline.certify.options import CertifyStageOptions
 from pipeline.config.stage import Job

@@ -13,8 +13,8 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from omegaconf import DictConfig, OmegaConf
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import folder_at
+from labyrinth_core.data import Manifest
+from labyrinth_core.storage import folder_at
 from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.command.method import chosen_method
 from pipeline.command.stages import STAGES

@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS, default_open_walls
-from labyrinth_core.world.structure import BUCKETS
+from labyrinth_core.world import ALGORITHMS, BUCKETS, Task, default_open_walls
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 
@@ -21,9 +18,11 @@ ALL_SHIFTS = "all"
 class BucketsConfig:
     """The share of structures for each split; keep it the same in datasets to compare."""
 
-    train: int = option(BUCKETS[0], "percent of all structures that may be in train")
-    validation: int = option(BUCKETS[1], "percent of all structures that may be in validation")
-    test: int = option(BUCKETS[2], "percent of all structures that may be in test")
+    train: int = option(BUCKETS.train, "percent of all structures that may be in train")
+    validation: int = option(
+        BUCKETS.validation, "percent of all structures that may be in validation"
+    )
+    test: int = option(BUCKETS.test, "percent of all structures that may be in test")
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, File, RemotePath
+from labyrinth_core.data import DatasetConfig, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, File, RemotePath
 from pipeline.config.errors import ConfigError, as_typed, check
 
 if TYPE_CHECKING:
-    from labyrinth_core.data.datasets import Dataset
+    from labyrinth_core.data import Dataset
 
 Options = TypeVar("Options", covariant=True)
 
@@ -75,7 +74,7 @@ class Job(Generic[Options]):
             ConfigError: A folder is given with a revision, or train has too few labyrinths.
             DatasetError: The dataset does not exist.
         """
-        from labyrinth_core.data.datasets import Dataset
+        from labyrinth_core.data import Dataset
 
         options: Any = self.options
         if options.dataset is None:

@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.evaluation.description import FRESH, RunName
-from labyrinth_core.policies.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.evaluation import RunName
+from labyrinth_core.learning.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import check_options, option
 from pipeline.config.options import RunFolderOption, SourceOptions
@@ -21,7 +21,9 @@ from pipeline.config.options import RunFolderOption, SourceOptions
 METHODS = ("bc", "dagger", "gail", "bco", "sqil", "iupe", "planner", "mapper")
 """The modules of the methods in the package `_OURS`, and their files in `conf/method`."""
 
-_OURS = "pipeline.training.methods"
+_OURS = "labyrinth_core.learning.methods"
+_FORMERLY = "pipeline.training.methods"
+"""The package of the methods in the `config.yaml` of earlier runs."""
 
 NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
@@ -62,7 +64,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "number of labyrinths to learn from, the first ones of train (all), or fresh for new ones "
         "in each epoch",
         at_least=1,
-        one_of=(FRESH,),
+        one_of=(RunName.FRESH,),
     )
     device: str = option(
         "auto",
@@ -133,7 +135,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     def name_of(target: str) -> str:
         """Return the name in records of the method whose class has this dotted name."""
         module, _, name = target.rpartition(".")
-        ours = module.removeprefix(f"{_OURS}.")
+        ours = module.removeprefix(f"{_OURS}.").removeprefix(f"{_FORMERLY}.")
         if name == "Method" and ours in METHODS and module != ours:
             return ours
         above, _, last = module.rpartition(".")

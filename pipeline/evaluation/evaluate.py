@@ -11,17 +11,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.playing import attempts
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language.text import labyrinth_id
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
 from pipeline.evaluation.named import Named, find_policy
@@ -74,10 +69,10 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
         PolicyError: The policy raises an error, or returns anything but actions.
     """
     asked, run = job.options.evaluation, shown.run
-    given = f"evaluation.memorised={asked.memorised}"
+    option = f"evaluation.memorised={asked.memorised}"
     if run is not None:
-        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != FRESH
-        check(own, f"{given}: {run.name} has not learnt from train of {shown.data.source}")
+        own = run.fingerprint == shown.data.fingerprint and run.train_labyrinths != RunName.FRESH
+        check(own, f"{option}: {run.name} has not learnt from train of {shown.data.source}")
     split = "test" if "test" in results.splits else "validation"
     learnt = job.options.first_labyrinths if run is None else run.first_labyrinths
     try:
@@ -87,7 +82,7 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     except (DatasetError, PolicyError):
         raise
     except ValueError as error:
-        raise ConfigError(f"{given}: {error}") from error
+        raise ConfigError(f"{option}: {error}") from error
     return replace(results, memorised=receipt)
 
 
@@ -116,9 +111,9 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     solved = np.atleast_2d(splits[split].episodes.solved).min(axis=0)
     chosen = np.argsort(solved, kind="stable")[:count].tolist()
     pictures = {}
-    for episode in attempts(shown.player, shown.load(split), chosen):
+    for episode in shown.player.attempts(shown.load(split), chosen):
         labyrinth = episode.labyrinth
-        optimal = replay(labyrinth, Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
+        optimal = labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
         picture = gif([beside(frames_of(episode), frames_of(optimal))])
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures

@@ -12,18 +12,16 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import DETAILS, Description
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
+from labyrinth_core.learning.spec import RECORD
 from labyrinth_core.policies.opening import PolicyNameError, open_policy
-from labyrinth_core.policies.spec import RECORD
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Ownership
+from pipeline.machinery.sums import Sums
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 
@@ -60,10 +58,10 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
             read, or results of something else are where the new ones belong.
         PolicyError: The policy raises an error, or cannot be shown these labyrinths.
     """
-    found = _of_options(job) if not job.options.policy else _by_name(job)
-    own = Sums.read(found.path.parent, overwrite=job.options.overwrite)
-    own.require_free({found.path.name: b""}, found.key, job.options.overwrite, found.instead)
-    return found
+    named = _of_options(job) if not job.options.policy else _by_name(job)
+    own = Ownership(Sums.read(named.path.parent, overwrite=job.options.overwrite))
+    own.require_free({named.path.name: b""}, named.key, job.options.overwrite, named.instead)
+    return named
 
 
 def _by_name(job: Job[EvaluateOptions]) -> Named:
@@ -154,7 +152,7 @@ def opened(name: str) -> Any:
 
 def _description(name: str, asked: EvaluationOptions) -> Description:
     numbers = (asked.train_labyrinths, asked.train_steps, asked.parameters)
-    details = dict(zip(DETAILS, numbers, strict=True))
+    details = dict(zip(Description.DETAILS, numbers, strict=True))
     stated = {what: number for what, number in details.items() if number is not None}
     return Description(name, asked.author, asked.url, asked.date, asked.budget, stated)
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import CONTROLS, DETAILS, FRESH, MOST_EPISODES
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS
+from labyrinth_core.evaluation import Description, RunName
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from pipeline.config.errors import check
 from pipeline.config.option import DATASET_AND_CONFIG, option
@@ -33,7 +34,7 @@ class EvaluationOptions:
         None,
         "episodes per labyrinth, for a policy that samples its actions",
         at_least=1,
-        at_most=MOST_EPISODES,
+        at_most=typed.MOST_EPISODES,
     )
     splits: tuple[str, ...] = option(
         (), "splits to evaluate policy on, one or a list (all but random)", one_of=SPLITS
@@ -49,8 +50,8 @@ class EvaluationOptions:
         None,
         "number of control training sets, such as 200, with which to ask whether the policy "
         "follows its own (not asked)",
-        at_least=CONTROLS[0],
-        at_most=CONTROLS[1],
+        at_least=typed.CONTROLS[0],
+        at_most=typed.CONTROLS[1],
     )
     name: str = option(
         "", "name of the policy in tables (module:name as given, else the last part of policy)"
@@ -65,9 +66,9 @@ class EvaluationOptions:
         "", "date of the evaluation, such as 2026-11-30; not filled in automatically"
     )
     budget: str = option("", "training data of the policy, such as '100 demonstrations of train'")
-    train_labyrinths: int | None = option(None, DETAILS["labyrinths"], at_least=0)
-    train_steps: int | None = option(None, DETAILS["steps"], at_least=0)
-    parameters: int | None = option(None, DETAILS["parameters"], at_least=0)
+    train_labyrinths: int | None = option(None, Description.DETAILS["labyrinths"], at_least=0)
+    train_steps: int | None = option(None, Description.DETAILS["steps"], at_least=0)
+    parameters: int | None = option(None, Description.DETAILS["parameters"], at_least=0)
 
 
 @dataclass(frozen=True)
@@ -101,9 +102,9 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         f"of evaluate_on={options.evaluate_on}, so leave one of them out",
     )
     check(
-        not (options.train_labyrinths == FRESH and options.evaluation.memorised),
-        f"evaluation.memorised={options.evaluation.memorised}: train_labyrinths={FRESH} has no "
-        "training set that a policy could remember, so leave one of them out",
+        not (options.train_labyrinths == RunName.FRESH and options.evaluation.memorised),
+        f"evaluation.memorised={options.evaluation.memorised}: train_labyrinths={RunName.FRESH} "
+        "has no training set that a policy could remember, so leave one of them out",
     )
     splits = options.evaluation.splits
     check(
@@ -135,8 +136,10 @@ def check_unnamed(evaluation: EvaluationOptions) -> None:
 
 def described_by(evaluation: EvaluationOptions) -> list[str]:
     """Return the options given that describe a policy as another one than a trained run."""
-    given = (each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default)
-    return [each.name for each in given if each.name not in ("gifs", "memorised")]
+    changed = (
+        each for each in fields(evaluation) if getattr(evaluation, each.name) != each.default
+    )
+    return [each.name for each in changed if each.name not in ("gifs", "memorised")]
 
 
 def _next_step(job: Job[EvaluateOptions], stages: Sequence[str]) -> tuple[str, ...]:  # noqa: ARG001

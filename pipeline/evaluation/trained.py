@@ -8,16 +8,14 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.evaluate import Evaluation
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
+from labyrinth_core.learning.networks.network import usual_defaults
+from labyrinth_core.learning.spec import WEIGHTS, PolicySpec
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.policies.networks.network import usual_defaults
 from labyrinth_core.policies.opening import open_policy
 from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import WEIGHTS, PolicySpec
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions
 from pipeline.training.identity import (
@@ -44,7 +42,7 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> Mapping[str, Any]:
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
     if options.method.keys() > {"name"}:
-        from pipeline.training.methods.method import find
+        from pipeline.training.method import find
 
         settings = {**about["settings"], **options.method}
         _, asked = find(options.method_name, settings, options.protocol)
@@ -98,7 +96,7 @@ def _of_users_method(
         values: The settings of the method in the run.
     """
     from pipeline.training.checkpoint import read_policy
-    from pipeline.training.methods.method import find
+    from pipeline.training.method import find
 
     options, about, spec = job.options, data.manifest.config, spec_of(job)
     method, settings = find(options.method_name, values, options.protocol)

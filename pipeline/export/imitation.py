@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:

@@ -20,10 +20,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import NO_ACTION, TABLE_COLUMNS
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import TABLE_COLUMNS, LoadedEpisode
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
 
@@ -131,7 +130,7 @@ def _frames(episode: LoadedEpisode, number: int, first: int) -> dict[str, Any]:
     steps = np.arange(len(episode) + 1)
     done = steps >= len(episode) - 1
     return {
-        "action": np.append(episode.actions, NO_ACTION),
+        "action": episode.actions_of_states,
         "next.reward": np.append(episode.rewards, np.float32(0)),
         "next.done": done,
         "next.truncated": done & episode.truncated,

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.episodes import LoadedEpisode
+from labyrinth_core.data import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.export import ExportOptions
 from pipeline.export.split import PART_BYTES, Split, in_parts

@@ -10,13 +10,10 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.episodes import LoadedEpisode
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, LoadedEpisode, Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.version import DEVELOPERS, __version__
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from pipeline.config.export import ExportOptions
 from pipeline.machinery.console import tracked
 

@@ -8,17 +8,18 @@ from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums, produced
+from pipeline.machinery.artifact import Ownership, produced
 from pipeline.machinery.console import say
+from pipeline.machinery.sums import Sums
 
 README = "README.md"
 """The card of the datasets in a folder, which may name their licence."""
@@ -39,8 +40,8 @@ def run(job: Job[ExportStageOptions]) -> None:
     splits = splits_of(job)
     whole = []
     for split in splits:  # Check all of them before writing the first.
-        there = Sums.read(root / split.id, overwrite=overwrite)
-        whole.append(there.is_whole(split.key, ("*",), overwrite, INSTEAD))
+        own = Ownership(Sums.read(root / split.id, overwrite=overwrite))
+        whole.append(own.is_whole(split.key, ("*",), overwrite, INSTEAD))
     for split, is_there in zip(splits, whole, strict=True):
         state = "is there already" if is_there else _export(split, root / split.id, write, job)
         say(f"{root / split.id} {state}")

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from labyrinth_core.data.dataset_config import DatasetConfig
-    from labyrinth_core.data.datasets import Dataset
+    from labyrinth_core.data import Dataset, DatasetConfig
 
 
 def built(config: DatasetConfig, data_dir: Path, workers: int = 1) -> Dataset:
@@ -21,7 +20,7 @@ def built(config: DatasetConfig, data_dir: Path, workers: int = 1) -> Dataset:
         data_dir: The folder of datasets.
         workers: The number of processes.
     """
-    from labyrinth_core.data.datasets import Dataset
+    from labyrinth_core.data import Dataset
     from pipeline.config.stage import Job
     from pipeline.generation.build import build
     from pipeline.generation.options import BuildOptions

@@ -26,17 +26,9 @@ from numpy.typing import NDArray
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import (
-    Manifest,
-    Shard,
-    TableFile,
-)
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
@@ -248,10 +240,10 @@ class Build:
             jobs, in_one_chunk = self.plan(existing)
             shards = self._joined(jobs) if workplace.parts else self.made(jobs)
             _check_shifts(config, shards)
-            labyrinths = self._tabulate(workplace.shards, jobs)
             manifest = Manifest.of_build(
-                config, build_versions(), shards, labyrinths, in_one_chunk=in_one_chunk
+                config, build_versions(), shards, in_one_chunk=in_one_chunk
             )
+            manifest = self._tabulate(workplace.shards, jobs, manifest)
             workplace.commit(manifest)
         except ConfigError:  # There are too few labyrinths, so the shards are of no use.
             workplace.clear()
@@ -289,7 +281,7 @@ class Build:
         if missing := [name for name in again if name not in made]:
             raise DatasetError(not_as_it_was(folder / missing[0]))
         if Manifest.TABLE in lacks:
-            self._tabulate(folder, jobs, manifest.labyrinths)
+            self._tabulate(folder, jobs, manifest)
         say(f"{folder} is complete again; repaired: {', '.join(lacks)}.")
 
     def made(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
@@ -313,24 +305,26 @@ class Build:
             )
         return tuple(shard for shard in found if shard is not None)
 
-    def _tabulate(
-        self, folder: AnyPath, jobs: Sequence[ShardJob], expected: TableFile | None = None
-    ) -> TableFile:
+    def _tabulate(self, folder: AnyPath, jobs: Sequence[ShardJob], manifest: Manifest) -> Manifest:
         """Write the table of labyrinths from the sidecars of the shards.
 
         Args:
             folder: The folder of the table.
             jobs: The jobs of all shards, which are finished, in their order.
-            expected: The size and hash that the table must have, if known; another table raises a
-                DatasetError and is not written.
+            manifest: The manifest. If it has a table, another one raises a DatasetError and is not
+                written.
+
+        Returns:
+            The manifest with the table.
         """
         with new_file(folder / Manifest.TABLE, self.workplace.building) as path:
             sidecars = map(Sidecar.read, jobs)
             parts = ((sidecar.shard, sidecar.facts) for sidecar in sidecars)
-            written = write_table(path, self.job.dataset, parts)
-            if expected not in (None, written):
+            write_table(path, self.job.dataset, parts)
+            made = manifest.with_table(path)
+            if manifest.labyrinths is not None and made != manifest:
                 raise DatasetError(not_as_it_was(folder / Manifest.TABLE))
-            return written
+            return made
 
 
 def _shards_there(

@@ -17,11 +17,9 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, File
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
+from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.world import Structure
 
 UNFIT = -1
 """In place of the split of a candidate that no split can use, or that repeats one in its chunk."""

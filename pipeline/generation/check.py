@@ -18,15 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest, Shard, ShardFile
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import AnyPath, File
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
@@ -140,8 +135,8 @@ def check_shard(job: CheckJob) -> ShardReport:
         with File(job.file.path).local_copy() as local:
             if not read_schema(local).equals(COLUMNS.arrow_schema(), check_metadata=False):
                 return ShardReport(job.shard, [f"{path}: its columns are not a dataset's"])
-            with open_shard(local) as file, no_garbage_collection():
-                if problem := footer_problem(file, job.shard.rows):
+            with COLUMNS.opened(local) as file, no_garbage_collection():
+                if problem := job.shard.footer_problem(file):
                     return ShardReport(job.shard, [f"{path}: {problem}"])
                 return _compared(job, file, local)
     except FileNotFoundError:

@@ -14,19 +14,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing, Solution
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Shard
-from labyrinth_core.data.rows import BATCH_ROWS, values_of
+from labyrinth_core.data import COLUMNS, DatasetConfig, Shard, ShardFile
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
 from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.structure import Structure
-from pipeline.generation.labyrinths import labyrinth_and_parent
+from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
+from pipeline.generation.labyrinths import Solution, labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shard import Row
 from pipeline.generation.shifts import Train
@@ -90,16 +83,9 @@ class Remade(NamedTuple):
 
 def rows_of(file: Any, problems: list[Problem]) -> Iterator[Row]:
     """Yield the rows of a file up to the first with a null, which is added to `problems`."""
-    import pyarrow.compute as pc
-
     first, names = 0, [column.name for column in COLUMNS.numbers]
-    # A row group is read at once, unless it has very many rows.
-    batches = (file.iter_batches(BATCH_ROWS, [group]) for group in range(file.num_row_groups))
-    for batch in chain.from_iterable(batches):
-        obs = (pc.struct_field(batch["obs"], name) for name in ("bytes", "path"))
-        plain = (batch[name] for name in (*names, "info"))
-        columns = [values_of(column) for column in (*obs, *plain)]
-        del batch  # It holds the pictures a second time.
+    for batch in COLUMNS.values_in(file):
+        columns = [batch.pop(name) for name in ("obs.bytes", "obs.path", *names, "info")]
         rows = zip(*columns, strict=True)
         for number, (picture, path, *numbers, info) in enumerate(rows, start=first):
             if None in (values := (picture, path, *numbers, info)):
@@ -210,7 +196,7 @@ def _remade(job: CheckJob, number: int, structure: Structure) -> Remade:
     if (structure.height, structure.width) != (config.height, config.width):
         raise LabyrinthError(f"a labyrinth of {structure.height}x{structure.width}")
     labyrinth, parent = labyrinth_and_parent(config, split, structure)
-    return Remade(number, parent, dump(labyrinth), Drawing(config).solve(split, labyrinth))
+    return Remade(number, parent, dump(labyrinth), Solution.of(config, split, labyrinth))
 
 
 def differences(

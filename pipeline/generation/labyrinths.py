@@ -7,18 +7,28 @@ from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import (
-    Placer,
-    tiles_matter,
-)
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
+from labyrinth_core.world import Labyrinth, LabyrinthError, Placer, Solver, Structure
+from labyrinth_core.world.dynamics import Episode
+
+
+class Solution(NamedTuple):
+    """The episodes of one labyrinth, at least one."""
+
+    episodes: list[Episode]
+    shortest: tuple[int, int]
+    """The number of moves of a shortest route, and the number of such routes."""
+
+    @classmethod
+    def of(cls, config: DatasetConfig, split: str, labyrinth: Labyrinth) -> Solution:
+        """Return the episodes of a labyrinth in a split, and its shortest routes."""
+        solver = Solver(labyrinth)
+        return cls(Drawing(config).episodes_by(split, solver), solver.moves_and_routes())
+
+    @property
+    def labyrinth(self) -> Labyrinth:
+        """The labyrinth, which all episodes share."""
+        return self.episodes[0].labyrinth
 
 
 def labyrinth_and_parent(
@@ -109,9 +119,10 @@ def twin_problem(config: DatasetConfig, labyrinth: Labyrinth, other: Labyrinth) 
     changed = (mine.up ^ others.up).bit_count() + (mine.right ^ others.right).bit_count()
     if changed != 1:
         return f"{changed} walls differ from its parent, not one"
-    if not others.is_connected or not tiles_matter(other):
+    solver = Solver(other)
+    if not others.is_connected or not solver.tiles_matter:
         return "not every cell can be reached, or the tiles of the task make no difference"
-    if Solver(labyrinth).moves != Solver(other).moves:
+    if Solver(labyrinth).moves != solver.moves:
         return None
     if config.solutions == "shortest":
         for passage in _demonstrated(config, labyrinth):
@@ -178,6 +189,6 @@ def _demonstrated(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tuple
     """Yield the passages of the shortest route that train demonstrates, the lower cell first."""
     rng = Drawing(config).acting_rng("train", labyrinth.structure)
     cells = [
-        state.agent for state in replay(labyrinth, Solver(labyrinth).shortest_route(rng)).states
+        state.agent for state in labyrinth.replay(Solver(labyrinth).shortest_route(rng)).states
     ]
     return ((min(pair), max(pair)) for pair in pairwise(cells))

@@ -5,13 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.splits import SPLITS, Split
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import tiles_matter
-from pipeline.generation.labyrinths import NEW_STRUCTURES
+from labyrinth_core.data import SPLITS, DatasetConfig
+from labyrinth_core.world import Labyrinth, Solver
+from pipeline.generation.labyrinths import NEW_STRUCTURES, Solution
 from pipeline.generation.shifts import SELECTED_SHIFTS, Measures, Train
 
 
@@ -34,7 +30,8 @@ def labyrinth_problems(
     kind, structure = SPLITS[split], labyrinth.structure
     if not structure.is_connected:
         yield "not every cell can be reached"
-    if not tiles_matter(labyrinth):
+    solver = Solver(labyrinth)
+    if not solver.tiles_matter:
         yield "the tiles of the task make no difference"
     bucket = config.bucket_of(structure)
     if bucket != kind.bucket:
@@ -44,7 +41,7 @@ def labyrinth_problems(
     if parent is not None:
         yield from _relation_problems(config, split, labyrinth, parent)
     if split in SELECTED_SHIFTS:
-        measures = Measures(Solver(labyrinth).moves, structure.loops, structure.junctions)
+        measures = Measures(solver.moves, structure.loops, structure.junctions)
         problem = SELECTED_SHIFTS[split].problem(measures, lambda: labyrinth, train)
         if problem is not None:
             yield problem
@@ -69,14 +66,14 @@ def _relation_problems(
         if replace(labyrinth, look=parent.look) != parent:
             yield f"more than its look differs from its parent in {kind.parent}"
     elif labyrinth.structure.grid_distance(labyrinth.start, labyrinth.goal) < (
-        least := _least_apart(config, kind, parent)
+        least := _least_apart(config, split, parent)
     ):
         yield f"start and goal are less than {least} moves apart"
 
 
-def _least_apart(config: DatasetConfig, kind: Split, parent: Labyrinth) -> int:
+def _least_apart(config: DatasetConfig, split: str, parent: Labyrinth) -> int:
     """Return the least distance between a changed start and goal, in moves without walls."""
-    least = (config.height + config.width) // 2
+    kind, least = SPLITS[split], (config.height + config.width) // 2
     if kind.new_start and kind.new_goal:
         return least
     # If only one of the two moves, no cell may be that far from the other.

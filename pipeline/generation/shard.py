@@ -20,20 +20,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import COLUMNS, GROUP_BYTES, NO_ACTION
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import COLUMNS, DatasetConfig, Manifest, Shard
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import Episode
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
+from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.world import Episode, Labyrinth, State
 from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import numbered_labyrinths
+from pipeline.generation.labyrinths import Solution, numbered_labyrinths
 from pipeline.generation.table import (
     FACTS,
     Content,
@@ -51,9 +46,6 @@ if TYPE_CHECKING:
 CELLS_PER_BATCH = 2_000
 """The cells of the labyrinths in a batch: 80 labyrinths at 5x5. Without batches a build would cost
 8% to 15% more (600 labyrinths at 5x5, CPU time, 12 rounds)."""
-
-ROW_GROUP = 256
-"""A row group with this many rows ends at the next end of an episode."""
 
 REMEMBERED_BYTES = 32 << 20
 """The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
@@ -200,9 +192,7 @@ def make_shard(job: ShardJob) -> Shard:
 
     def parts() -> Iterator[list[Row]]:
         for batch in _batches(job):
-            solutions = [
-                Drawing(job.config).solve(job.split, labyrinth) for _, labyrinth, _ in batch
-            ]
+            solutions = [Solution.of(job.config, job.split, labyrinth) for _, labyrinth, _ in batch]
             for (number, labyrinth, parent), solution in zip(batch, solutions, strict=True):
                 info = dump(labyrinth)
                 yield from render(job.split, number, info, solution.episodes)
@@ -368,8 +358,7 @@ def write(path: Path, parts: Iterable[list[Row]]) -> str:
         for part in parts:
             fingerprint.update(part)
             group += part
-            is_full = part[-1].action == NO_ACTION and len(group) >= ROW_GROUP
-            if is_full or len(group) * len(part[-1].obs) >= GROUP_BYTES:
+            if Shard.ends_group(len(group), len(part[-1].obs), part[-1].action):
                 writer.write_table(rows_table(group))
                 group = []
         if group:

@@ -17,14 +17,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError
-from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.solver import RouteMemory, Solver
-from labyrinth_core.world.structure import UNREACHABLE, Structure
-from labyrinth_core.world.tasks import default_start_and_goal
+from labyrinth_core.data import DatasetConfig, Drawing
+from labyrinth_core.world import (
+    ALGORITHMS,
+    Labyrinth,
+    LabyrinthError,
+    RouteMemory,
+    Solver,
+    Structure,
+)
 from pipeline.generation.labyrinths import toggled, walls
 
 
@@ -91,7 +92,7 @@ class SelectedShift:
             measures = measures_of(config, split, structure)
             return -1 if measures is None else measures.moves
 
-        drawn = sample_structures(
+        drawn = Structure.sample(
             config.height,
             config.width,
             rng,
@@ -108,7 +109,7 @@ def measures_of(config: DatasetConfig, split: str, structure: Structure) -> Meas
     """Return the measures of a structure in a split, None if it cannot hold the task."""
     if not config.task.rules.tiles and config.goals == "fixed":
         # Making the labyrinth takes 7 times as long at 5x5.
-        moves = structure.least_moves(*default_start_and_goal(config.height, config.width))
+        moves = structure.least_moves(*structure.default_ends)
     else:
         try:
             moves = Solver(Drawing(config).labyrinth(split, structure)).moves
@@ -236,13 +237,13 @@ def stretched(
 
 def _exchanged(structure: Structure, rng: np.random.Generator) -> Structure:
     """Return a connected structure with one passage shut and another one opened."""
-    start, goal = default_start_and_goal(structure.height, structure.width)
+    start, goal = structure.default_ends
     # Half of the time, shut a passage on the way to the goal: it is most likely to matter.
     to_shut = _way(structure, start, goal) if rng.random() < 0.5 else list(structure.passages())
     cut = toggled(structure, *to_shut[rng.integers(len(to_shut))])
     closed = list(walls(structure))
     reached = cut.distances(start)
-    if UNREACHABLE in reached:
+    if min(reached) < 0:  # Shutting it has split the grid: open a wall between the two parts.
         closed = [(a, b) for a, b in closed if (reached[a] < 0) != (reached[b] < 0)]
     return toggled(cut, *closed[rng.integers(len(closed))]) if closed else structure
 

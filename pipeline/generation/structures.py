@@ -29,13 +29,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import (
-    Drawing,
-)
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (
@@ -254,7 +249,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
 
 def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
     """Yield the cells of each route that train demonstrates in a labyrinth."""
-    for episode in Drawing(config).solve("train", labyrinth).episodes:
+    for episode in Drawing(config).episodes("train", labyrinth):
         yield [state.agent for state in episode.states]
 
 

@@ -15,15 +15,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, Shard, TableFile
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import TABLE_COLUMNS, Dataset, DatasetConfig, Manifest, Shard
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.storage import AnyPath
+from labyrinth_core.world import Labyrinth, Solver
+from pipeline.generation.labyrinths import Solution
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -198,10 +194,8 @@ def facts_table(config: DatasetConfig, split: str, facts: Facts, first_row: int)
     return pa.Table.from_arrays(columns, schema=schema)
 
 
-def write_table(
-    path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]
-) -> TableFile:
-    """Write the table part by part, and return the size and hash of its file.
+def write_table(path: Path, config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> None:
+    """Write the table part by part.
 
     Args:
         path: The file.
@@ -222,7 +216,6 @@ def write_table(
         writer.add_key_value_metadata(schema.metadata)
         for group in _groups(config, parts):
             writer.write_table(group)
-    return TableFile(path.stat().st_size, File(path).sha256())
 
 
 def _groups(config: DatasetConfig, parts: Iterable[tuple[Shard, Facts]]) -> Iterator[pa.Table]:

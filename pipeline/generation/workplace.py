@@ -10,18 +10,17 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import (
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.folders import WholeFolder
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.language.collection import is_litter
-from pipeline.machinery.artifact import HASHES, Sums, differences, named
-from pipeline.machinery.folders import Completion, completion, remove, within
+from pipeline.machinery.artifact import Ownership, differences, named
+from pipeline.machinery.folders import within
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.machinery.versions import build_versions
 
 _CONFIG = "config.json"
@@ -38,7 +37,7 @@ class Workplace:
     @classmethod
     def of(cls, folder: AnyPath) -> Workplace:
         """Return the workplace of a folder; for a link, it lies beside the link's target."""
-        return cls(completion(folder, Manifest.FILE).folder)
+        return cls(WholeFolder.of(folder, Manifest.FILE).folder)
 
     @property
     def building(self) -> AnyPath:
@@ -48,15 +47,15 @@ class Workplace:
     @property
     def shards(self) -> AnyPath:
         """The folder in which shards are made; in a store, which cannot rename, the final one."""
-        return self._place.making(within(self.building, "shards"))
+        return self._whole.making(within(self.building, "shards"))
 
     @cached_property
-    def _place(self) -> Completion:
-        return completion(self.folder, Manifest.FILE)
+    def _whole(self) -> WholeFolder:
+        return WholeFolder.of(self.folder, Manifest.FILE)
 
     def recover(self) -> None:
         """Put the old dataset back if a crash in `commit` displaced it."""
-        self._place.recover()
+        self._whole.recover()
 
     def refuse_others_files(self) -> None:
         """Raise DatasetError if the final folder holds a file that our records do not list."""
@@ -82,9 +81,9 @@ class Workplace:
         files with the names of a dataset's files count as listed.
         """
         own = Sums.read(self.folder, overwrite=True)
-        names = {path.name for path in own.unfinished([Manifest.ANALYSIS, HASHES])}
+        names = {path.name for path in Ownership(own).unfinished([Manifest.ANALYSIS, HASHES])}
         names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
-        all_shards = not self._place.is_replaced_at_once and self.has_begun
+        all_shards = not self._whole.is_replaced_at_once and self.has_begun
         try:
             manifest = Dataset.at(self.folder, renamed=True).manifest
             names |= {Manifest.FILE, Manifest.TABLE, *(shard.path for shard in manifest.shards)}
@@ -111,7 +110,7 @@ class Workplace:
         path = self.folder / name
         with suppress(FileNotFoundError):
             found, changed = File(path).size_and_time()
-            is_older = self._place.is_covered(changed)
+            is_older = self._whole.is_covered(changed)
             return found == size and (is_older or File(path).sha256() == sha256)
         return False
 
@@ -131,7 +130,7 @@ class Workplace:
         same = self.is_for(config)
         if self.parts is not None and not (same and parts in (None, self.parts)) and not overwrite:
             self._refuse_another(config, parts)
-        if not self._place.is_replaced_at_once:
+        if not self._whole.is_replaced_at_once:
             if not same:  # From now on, shards in the folder are this build's.
                 self._write({"parts": None})
             (self.folder / Manifest.FILE).unlink(
@@ -145,7 +144,7 @@ class Workplace:
         if parts is not None and parts != self.parts:
             self._write(_content(config, parts))
         self.shards.mkdir(parents=True, exist_ok=True)
-        for path in self._place.leftovers(self.shards, [Manifest.FILE]):
+        for path in self._whole.leftovers(self.shards, [Manifest.FILE]):
             path.unlink()
 
     def begin(self, config: DatasetConfig) -> None:
@@ -153,16 +152,16 @@ class Workplace:
         if self.has_begun:
             return
         self.building.mkdir(parents=True, exist_ok=True)
-        if self._place.is_replaced_at_once:  # In a store, other parts may have begun meanwhile.
-            unfinished = self._place.leftovers(self.building, [_CONFIG])
+        if self._whole.is_replaced_at_once:  # In a store, other parts may have begun meanwhile.
+            unfinished = self._whole.leftovers(self.building, [_CONFIG])
             others = [path for path in self.building.iterdir() if path not in unfinished]
             _refuse(self.building, others)
         self._write(_content(config))
 
     def tidy(self, names: Collection[str]) -> None:
         """Remove what killed processes left of files in `building`; no other process makes them."""
-        for unfinished in self._place.leftovers(self.building, names):
-            remove(unfinished)
+        for unfinished in self._whole.leftovers(self.building, names):
+            File(unfinished).remove()
 
     def _write(self, content: Mapping[str, Any]) -> None:
         File(self.building / _CONFIG).write_text(json.dumps(content))
@@ -217,13 +216,13 @@ class Workplace:
             raise DatasetError(f"another run has begun another dataset in {self.building}")
         self.refuse_others_files()  # A user may have added some since.
         manifest.write(self.shards)
-        self._place.complete(self.shards)
+        self._whole.complete(self.shards)
         self.clear()
 
     def abandon(self) -> bool:
         """Remove a failed build unless another run can use it; return whether it was removed."""
         finished = ("*.shard", "*.chunk")
-        if not self._place.is_replaced_at_once or self.parts is not None:
+        if not self._whole.is_replaced_at_once or self.parts is not None:
             return False
         if any(map(any, map(self.building.glob, finished))):
             return False
@@ -236,7 +235,7 @@ class Workplace:
             # The configuration goes last, since it says what the other files belong to.
             paths: list[AnyPath] = [*self.building.iterdir()]
             for path in sorted(paths, key=lambda path: path.name == _CONFIG):
-                remove(path)
+                File(path).remove()
         with suppress(OSError):  # It is missing, or holds files of a user.
             self.building.rmdir()
 

@@ -7,9 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, Manifest
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection.counts import Content

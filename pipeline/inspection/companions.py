@@ -14,11 +14,8 @@ from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import Column
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data import Columns, Dataset, DatasetConfig, Manifest, Shard
+from labyrinth_core.storage import AnyPath
 
 
 @dataclass(frozen=True)
@@ -27,7 +24,7 @@ class Companion:
 
     suffix: str
     """What follows the name of the dataset's config, such as `questions`."""
-    columns: tuple[Column, ...]
+    columns: Columns
     splits: Callable[[DatasetConfig], tuple[str, ...]]
     """Returns the splits of a dataset that the companion is about."""
     row: str

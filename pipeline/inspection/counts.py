@@ -15,13 +15,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import AnyPath
+from labyrinth_core.data import ShardFile
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, LabyrinthError
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.storage import AnyPath
+from labyrinth_core.world import Action, Labyrinth, LabyrinthError, Solver
 from pipeline.inspection.leakage import Keys
 
 EXAMPLES = 5

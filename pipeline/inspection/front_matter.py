@@ -15,14 +15,18 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import (
+    COLUMNS,
+    SPLITS,
+    TABLE_COLUMNS,
+    Columns,
+    Dataset,
+    DatasetConfig,
+    Manifest,
+)
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection.companions import beside, companions
 from pipeline.machinery.console import say
 
@@ -125,9 +129,7 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
     default = default_config(manifests)
     configs, infos = [], []
 
-    def add(
-        manifest: Manifest, name: str, columns: Sequence[Column], splits: Sequence[str]
-    ) -> None:
+    def add(manifest: Manifest, name: str, columns: Columns, splits: Sequence[str]) -> None:
         patterns = {split: shard_pattern(manifest, split, name) for split in splits}
         own = {"default": True} if name == default else {}
         configs.append(_config(name, patterns) | own)
@@ -157,9 +159,7 @@ def _config(name: str, patterns: Mapping[str, str]) -> dict[str, Any]:
     return {"config_name": name, "data_files": files}
 
 
-def _info(
-    name: str, columns: Sequence[Column], splits: Mapping[str, tuple[int, int]]
-) -> dict[str, Any]:
+def _info(name: str, columns: Columns, splits: Mapping[str, tuple[int, int]]) -> dict[str, Any]:
     """Return the information on a config, given the bytes and the rows of each split."""
     size = sum(count for count, _ in splits.values())
     return {

@@ -20,11 +20,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure, identity
+from labyrinth_core.world import Labyrinth, Solver, Structure, identity
 from pipeline.inspection.near_twins import (
     FAR,
     JOINED_WALLS,

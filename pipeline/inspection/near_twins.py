@@ -20,8 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure, Structures
 
 JOINED_WALLS = 3
 """The largest distance found by looking up keys; for larger ones all pairs are compared."""

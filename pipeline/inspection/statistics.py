@@ -11,17 +11,16 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, TypedDict
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core import typed
+from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.inspection.leakage import Certificate, Keys, certify
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import tracked
 from pipeline.machinery.executor import ordered_map
+from pipeline.machinery.sums import HASHES, Sums
 
 MOST_NAMED = 20
 """The maximum number of shared labyrinths listed per pair of splits and kind."""

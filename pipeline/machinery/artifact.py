@@ -1,14 +1,10 @@
-"""Artifacts: folders that appear complete, and record their files and their inputs.
-
-`SHA256SUMS` lists the files that the program wrote ("ours"), in the format of `sha256sum -c`. Its
-comments hold the key, which is the inputs that determine the files, and, except in a release, a
-hash of the list itself. A file that is not listed, or has another hash, belongs to the user: the
-program does not overwrite, remove or publish it.
+"""Artifacts: folders that appear complete, and single files in folders shared with the user.
 
 `produced` makes a whole folder under a temporary name, and moves it to its place when it is
-finished. `leave` writes single files into a folder that is shared with the user. A link to such a
-folder is followed. A link inside it is replaced itself if it has the name and the content of a file
-of ours; nothing is written or removed through it.
+finished. `leave` writes single files into a folder that is shared with the user. Both record in
+`SHA256SUMS` what they write, and overwrite, remove or publish no file that is not recorded there. A
+link to such a folder is followed. A link inside it is replaced itself if it has the name and the
+content of a file of ours; nothing is written or removed through it.
 """
 
 from __future__ import annotations
@@ -18,150 +14,33 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
-    AnyPath,
-    File,
-    LocalFile,
-    RemotePath,
-)
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.language.collection import is_litter
 from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.storage import AnyPath, File
 from pipeline.machinery.console import say
-from pipeline.machinery.folders import (
-    Place,
-    completion,
-    held,
-    remove,
-    within,
-)
-
-HASHES = "SHA256SUMS"
-"""The name of the list."""
-
-Key = Mapping[str, Any]
-"""The inputs that determine an artifact, in JSON types."""
-
-_OURS, _MADE, _LEFT = "# labyrinth-datasets", "# made from ", "# left beside it"
-_ITSELF = "# sha256 of the lines below "
-_LINE = re.compile(r"^([0-9a-f]{64})  (?![/\\]|\w:|.*\.\.[/\\])(\S.*)$", re.M)  # Inside the folder.
-_KEY = re.compile(f"^{_MADE}(.*)$", re.M)
-
-_UNKNOWN = "0" * 64
-"""Stands for the hash of a file in a store that is not made yet."""
+from pipeline.machinery.folders import Place, held, within
+from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of, names_in
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
 """A name from `LocalFile.temporary`: a process was killed while it wrote the file."""
 
 
 @dataclass(frozen=True)
-class Sums:
-    """The files of a folder that are ours, as pairs of name and SHA-256."""
+class Ownership:
+    """What in a folder may be written over or removed: files whose hash the folder's record lists.
 
-    folder: AnyPath
-    key: Key | None = None
-    """The inputs that the folder is made from; None if unknown."""
-    made: frozenset[tuple[str, str]] = frozenset()
-    """The artifact's own files; without one of them it is damaged."""
-    left: frozenset[tuple[str, str]] = frozenset()
-    """Other files that stages have written there; during a replacement, old and new ones."""
-    is_damaged: bool = False
-    """Whether the list is damaged, so that it does not show which files the artifact has."""
+    All else is the user's.
+    """
 
-    @classmethod
-    def read(cls, folder: AnyPath, *, overwrite: bool = False) -> Sums:
-        """Read the list of a folder; without a list, no file is ours.
-
-        Args:
-            folder: The folder.
-            overwrite: Whether to use the readable lines of a damaged list, which is replaced.
-
-        Raises:
-            DatasetError: The list is damaged, or another program wrote it.
-        """
-        path = folder / HASHES
-        try:
-            text = path.read_bytes().decode(errors="replace")
-        except (FileNotFoundError, NotADirectoryError) as error:
-            if path.is_symlink():
-                raise DatasetError(f"{path} is a link that leads nowhere: remove it") from error
-            return cls(folder)
-        parts = text.partition(f"{_LEFT}\n")[::2]
-        made, left = (frozenset((n, digest) for digest, n in _LINE.findall(p)) for p in parts)
-        key = None
-        with suppress(ValueError, RecursionError):
-            key = next(map(json.loads, _KEY.findall(text)), None)
-        found = cls(folder, key if isinstance(key, dict) else None, made, left)
-        lines = sorted(found._text(with_hash=False).splitlines())
-        is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
-        if is_whole and text.endswith("\n") and (found.hashes or key):
-            return found
-        first = text[: len(_OURS)].strip("\0")
-        if not (_OURS.startswith(first) or get_close_matches(first, [_OURS])):
-            advice = "move it away, or choose another folder"
-            raise DatasetError(f"{path} is another program's: {advice}")
-        if not overwrite:
-            again = "the stage that made its files makes them again with overwrite=true"
-            raise DatasetError(f"{path} is damaged: {again}; or move {folder} away")
-        return replace(found, is_damaged=True)
-
-    @classmethod
-    def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
-        """Hash all files of a folder; those in `names`, by default all, count as `made`."""
-        hashes = {(n, File(folder / n).sha256()) for n in _names_in(folder) if n != HASHES}
-        made = frozenset(each for each in hashes if not names or each[0] in names)
-        return cls(folder, key, made, frozenset(hashes - made))
-
-    def write(self) -> None:
-        """Write the list atomically."""
-        File(self.folder / HASHES).write_bytes(self.content())
-
-    def content(self) -> bytes:
-        """Return the content of the list."""
-        return self._text().encode()
-
-    def _text(self, *, with_hash: bool = True) -> str:
-        """Return the list, with a hash of itself; those of releases and old versions have none."""
-        lines = [] if self.key is None else [_MADE + json.dumps(self.key)]
-        lines += [f"{digest}  {name}" for name, digest in sorted(self.made)]
-        if self.left:
-            lines += [_LEFT, *(f"{digest}  {name}" for name, digest in sorted(self.left))]
-        rest = "".join(f"{line}\n" for line in lines)
-        if with_hash and (self.key is not None or self.left):
-            rest = f"{_ITSELF}{hashlib.sha256(rest.encode()).hexdigest()}\n{rest}"
-        return f"{_OURS}\n{rest}"
-
-    @property
-    def hashes(self) -> frozenset[tuple[str, str]]:
-        """The files that are ours."""
-        return self.made | self.left
-
-    def has(self, name: str) -> bool:
-        """Return whether a file exists with a hash that is listed."""
-        return (name, _hash_of(self.folder / name)) in self.hashes
-
-    def damaged(self) -> list[str]:
-        """Return the files in `made` that are missing or have another hash.
-
-        In a store, where hashing means a download, a file older than the list is taken for whole,
-        unless stages left others there, so rewrote the list.
-        """
-        place = completion(self.folder, HASHES)
-
-        def is_whole(name: str, digest: str) -> bool:
-            path = self.folder / name
-            if not self.left and digest != _UNKNOWN and path.is_file():
-                return place.is_covered(File(path).size_and_time()[1]) or self.has(name)
-            return self.has(name)
-
-        return sorted(name for name, digest in self.made if not is_whole(name, digest))
+    sums: Sums
 
     def strangers(self, ours: Sequence[str], instead: str) -> list[str]:
         """Return the names of the user's files in an artifact's folder; see `produced`.
@@ -169,63 +48,66 @@ class Sums:
         Raises:
             DatasetError: The folder is a file, or a user's file matches a pattern in `ours`.
         """
-        if self.folder.exists() and not self.folder.is_dir():
-            raise DatasetError(f"{self.folder} is a file: move it, or {instead}")
-        listed = {HASHES, *(n for n, _ in self.made), *(n for n, _ in self.left if self.has(n))}
-        found = [
+        sums, folder = self.sums, self.sums.folder
+        if folder.exists() and not folder.is_dir():
+            raise DatasetError(f"{folder} is a file: move it, or {instead}")
+        listed = {HASHES, *(n for n, _ in sums.made), *(n for n, _ in sums.left if sums.has(n))}
+        unlisted = [
             name
-            for name in _names_in(self.folder)
+            for name in names_in(folder)
             if not (name in listed or is_litter(name) or _UNFINISHED.fullmatch(name))
         ]
-        if lost := [name for name in found if any(fnmatchcase(name, each) for each in ours)]:
+        if lost := [name for name in unlisted if any(fnmatchcase(name, own) for own in ours)]:
             reason = "which would be lost: move it elsewhere"
-            raise DatasetError(f"{self.folder} holds {named(lost)}, {reason}, or {instead}")
-        return found
+            raise DatasetError(f"{folder} holds {named(lost)}, {reason}, or {instead}")
+        return unlisted
 
     def others(self, files: Mapping[str, bytes]) -> list[str]:
         """Return the names in `files` that belong to existing files of the user."""
-        known = replace(self, left=self.left | _hashes_of(files))
-        return [n for n in files if _is_there(self.folder / n) and not known.has(n)]
+        known = replace(self.sums, left=self.sums.left | _hashes_of(files))
+        return [n for n in files if _is_there(self.sums.folder / n) and not known.has(n)]
 
     def require_free(
         self, files: Mapping[str, bytes], key: Key | None, overwrite: bool, instead: str
     ) -> None:
         """Raise DatasetError if `leave`, with these arguments, may not write the files."""
         for name in files:
-            within(self.folder, *PurePath(name).parent.parts)
+            within(self.sums.folder, *PurePath(name).parent.parts)
         if overwrite:
             return
-        if self.hashes and key is not None and (differing := differences(self.key or {}, key)):
-            what = f"is made with {differing}" if self.key else "holds files of another stage"
+        there = self.sums.key
+        if self.sums.hashes and key is not None and (differing := differences(there or {}, key)):
+            what = f"is made with {differing}" if there else "holds files of another stage"
             advice = f"{instead}, or give overwrite=true to replace it"
-            raise DatasetError(f"{self.folder} {what}: {advice}")
+            raise DatasetError(f"{self.sums.folder} {what}: {advice}")
         if others := self.others(files):
-            were_ours = {*others} <= {name for name, _ in self.hashes}
+            were_ours = {*others} <= {name for name, _ in self.sums.hashes}
             reason = "damaged or changed" if were_ours else "made or changed by someone else"
             raise DatasetError(
-                f"{named([str(self.folder / name) for name in others])}: {reason}, so not "
+                f"{named([str(self.sums.folder / name) for name in others])}: {reason}, so not "
                 "overwritten: move it away, or give overwrite=true"
             )
 
     def is_whole(self, key: Key, ours: Sequence[str], overwrite: bool, instead: str) -> bool:
         """Return whether an artifact is complete; raise DatasetError if `produced` would refuse."""
         self.require_free({}, key, overwrite, instead)
-        lacking = [] if overwrite else self.damaged()
-        begun = {name for name, digest in self.made if digest == _UNKNOWN}
-        if changed := [n for n in lacking if n not in begun and _is_there(self.folder / n)]:
+        lacking = [] if overwrite else self.sums.damaged()
+        begun = {name for name, digest in self.sums.made if digest == UNKNOWN}
+        if changed := [n for n in lacking if n not in begun and _is_there(self.sums.folder / n)]:
             reason = "damaged or changed since it was made"
             advice = f"give overwrite=true to make it again, or {instead}"
-            raise DatasetError(f"{self.folder} holds {named(changed)}, {reason}: {advice}")
-        whole = bool(self.made) and not overwrite and not lacking
+            raise DatasetError(f"{self.sums.folder} holds {named(changed)}, {reason}: {advice}")
+        whole = bool(self.sums.made) and not overwrite and not lacking
         if not whole:
             self.strangers(ours, instead)
         return whole
 
     def unfinished(self, names: Iterable[str]) -> list[Path]:
         """Return the temporary files of processes that were killed while writing these names."""
-        paths, place = [self.folder / name for name in names], completion(self.folder, HASHES)
-        found, parents = {path.name for path in paths}, {path.parent for path in paths}
-        return [path for parent in parents for path in place.leftovers(parent, found)]
+        whole = WholeFolder.of(self.sums.folder, HASHES)
+        paths = [self.sums.folder / name for name in names]
+        parents, in_them = {path.parent for path in paths}, {path.name for path in paths}
+        return [path for parent in parents for path in whole.leftovers(parent, in_them)]
 
     def replace(
         self, files: Mapping[str, bytes], gone: Sequence[str] = (), key: Key | None = None
@@ -242,23 +124,24 @@ class Sums:
         Raises:
             DatasetError: The folder of a file is a link; nothing is written.
         """
-        new, ours = _hashes_of(files), replace(self, key=key or self.key, is_damaged=False)
-        if self.is_damaged:
-            ours = replace(ours, made=frozenset(), left=self.hashes)
+        sums, new = self.sums, _hashes_of(files)
+        ours = replace(sums, key=key or sums.key, is_damaged=False)
+        if sums.is_damaged:
+            ours = replace(ours, made=frozenset(), left=sums.hashes)
         parents = {PurePath(name).parent for name in (*files, *gone)}
-        folders = [within(self.folder, *parent.parts) for parent in parents]
+        folders = [within(sums.folder, *parent.parts) for parent in parents]
         for unfinished in self.unfinished([*files, HASHES]):
             unfinished.unlink()
-        for each in [self.folder, *folders]:
+        for each in [sums.folder, *folders]:
             each.mkdir(parents=True, exist_ok=True)
         replace(ours, left=ours.left | new).write()
-        for name in filter(self.has, gone):
-            (self.folder / name).unlink()
+        for name in filter(sums.has, gone):
+            (sums.folder / name).unlink()
         for name, content in files.items():
-            File(self.folder / name).write_bytes(content)
+            File(sums.folder / name).write_bytes(content)
         made = frozenset(each for each in ours.made if each[0] not in {*files, *gone})
         rest = ours.left - new
-        kept = frozenset(each for each in rest if _hash_of(self.folder / each[0]) == each[1])
+        kept = frozenset(each for each in rest if hash_of(sums.folder / each[0]) == each[1])
         return replace(ours, made=made, left=kept | new)
 
 
@@ -286,9 +169,9 @@ def leave(
     """
     place = folder.absolute()
     with held(place.parent, place.name):
-        sums = Sums.read(folder, overwrite=overwrite)
-        sums.require_free(files, key, overwrite, instead)
-        sums.replace(files, key=key).write()
+        own = Ownership(Sums.read(folder, overwrite=overwrite))
+        own.require_free(files, key, overwrite, instead)
+        own.replace(files, key=key).write()
 
 
 @contextmanager
@@ -323,33 +206,26 @@ def produced(
             damaged or changed.
         OSError: The folder cannot be written.
     """
-    whole = completion(folder.absolute(), mark)
+    whole = WholeFolder.of(folder.absolute(), mark)
     place: Any = whole.folder
     with held(place.parent, place.name):
         whole.recover()
-        there = Sums.read(folder, overwrite=overwrite)
-        if there.is_whole(key, ours, overwrite, instead):
+        own = Ownership(Sums.read(folder, overwrite=overwrite))
+        if own.is_whole(key, ours, overwrite, instead):
             yield None
             return
-        if not overwrite and (missing := there.damaged()):
+        if not overwrite and (missing := own.sums.damaged()):
             say(f"{folder} is made again, because missing: {named(missing)}.")
         if not whole.is_replaced_at_once:
-            _claim(there, mark, names)
-            yield place
-            Sums.of(place, key, names).write()
-            return
-        scratch = LocalFile(place).temporary()
-        try:
-            made = scratch / place.name
-            made.mkdir(parents=True)
+            _claim(own.sums, mark, names)
+        with whole.made() as made:
             yield made
             Sums.of(made, key, names).write()
-            for name in there.strangers(ours, instead):  # The user may have added more.
+            if made == place:
+                return
+            for name in own.strangers(ours, instead):  # The user may have added more.
                 (made / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(place / name, made / name, follow_symlinks=False)
-            whole.complete(made)
-        finally:
-            remove(scratch)
 
 
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
@@ -357,23 +233,18 @@ def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
     return frozenset((n, hashlib.sha256(content).hexdigest()) for n, content in files.items())
 
 
-def _hash_of(path: AnyPath) -> str | None:
-    """Return the SHA-256 of a file; None if it does not exist."""
-    return File(path).sha256() if path.is_file() else None
-
-
 def _is_there(path: AnyPath) -> bool:
     """Return whether a path exists, as a link that leads nowhere does."""
     return path.exists() or path.is_symlink()
 
 
-def _claim(there: Sums, mark: str, names: Sequence[str]) -> None:
+def _claim(sums: Sums, mark: str, names: Sequence[str]) -> None:
     """Empty a folder in a store, and list the files to be made with an unknown hash."""
-    old = {name for name, _ in there.hashes}
-    claimed = frozenset((name, _UNKNOWN) for name in old.union(names))
-    replace(there, made=claimed, left=frozenset()).write()
+    old = {name for name, _ in sums.hashes}
+    claimed = frozenset((name, UNKNOWN) for name in old.union(names))
+    replace(sums, made=claimed, left=frozenset()).write()
     for name in sorted(old, key=lambda name: name != mark):
-        (there.folder / name).unlink(missing_ok=True)
+        (sums.folder / name).unlink(missing_ok=True)
 
 
 def differences(there: Key, asked: Key) -> str:
@@ -385,14 +256,6 @@ def differences(there: Key, asked: Key) -> str:
         for name in {**asked, **there}
         if json.dumps(there.get(name)) != json.dumps(asked.get(name))
     )
-
-
-def _names_in(folder: AnyPath) -> list[str]:
-    """Return the paths of all files in a folder, relative to it."""
-    if isinstance(folder, RemotePath):
-        return [path.name for path in folder.iterdir()]
-    files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
-    return sorted(path.relative_to(folder).as_posix() for path in files)
 
 
 def named(names: Sequence[str]) -> str:

@@ -15,7 +15,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.console import say
 from pipeline.machinery.workers import GOES_ON, ctrl_c_held_back, end_with_parent

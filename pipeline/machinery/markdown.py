@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from labyrinth_core.data.format import Column
+from labyrinth_core.data import Columns
 
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str = "") -> str:
@@ -15,7 +15,7 @@ def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str 
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
 
 
-def meanings(columns: Iterable[Column]) -> str:
+def meanings(columns: Columns) -> str:
     """Return the table of the meanings of a dataset's columns."""
     return table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in columns), "ll")
 

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from functools import partial
-from itertools import chain, zip_longest
+from itertools import zip_longest
 from typing import Any
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.rows import each_read
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS, question
+from labyrinth_core.data import Dataset, ShardFile
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.questions import QUESTION_COLUMNS, question
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.versions import build_versions
@@ -55,26 +53,17 @@ def _check(same_bytes: bool, made: tuple[ShardFile, ShardFile]) -> list[str]:
         same_bytes: Whether pictures must be equal byte for byte.
         made: A shard of the dataset, and the shard of the questions about it.
     """
-    import pyarrow as pa
-
     about, file = made
     path = file.path
     wrong: dict[str, int] = {}
     try:
-        with file.opened() as opened:
-            # The types in the file: some columns are read as dictionaries.
-            schema = opened.schema.to_arrow_schema()
-            if not schema.equals(QUESTION_COLUMNS.arrow_schema(), check_metadata=False):
-                return [f"{path}: its columns are not those of questions"]
-            # Converted as they are read, since a text may not be UTF-8.
-            batches = map(pa.RecordBatch.to_pylist, opened.iter_batches(GROUP_ROWS))
-            rows = chain.from_iterable(each_read(batches, path))
-            for number, (row, right) in enumerate(zip_longest(rows, questions_of(about))):
-                if row is None or right is None:
-                    return [f"{path}: it has too few or too many rows, from row {number} on"]
-                for name in right:
-                    if row[name] != right[name] and (same_bytes or name not in PICTURES):
-                        wrong.setdefault(name, number)
+        rows = file.records(QUESTION_COLUMNS, GROUP_ROWS)
+        for number, (row, right) in enumerate(zip_longest(rows, questions_of(about))):
+            if row is None or right is None:
+                return [f"{path}: it has too few or too many rows, from row {number} on"]
+            for name in right:
+                if row[name] != right[name] and (same_bytes or name not in PICTURES):
+                    wrong.setdefault(name, number)
     except DatasetError as error:
         return [one_line(error)]
     return [f"{path} row {row} {name}: not what the labyrinth gives" for name, row in wrong.items()]

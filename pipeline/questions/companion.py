@@ -9,9 +9,8 @@ from string import Template
 
 import yaml
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.data import DatasetConfig, Manifest
+from labyrinth_core.questions import QUESTION_COLUMNS
 from pipeline.inspection.companions import Companion
 from pipeline.machinery.markdown import meanings
 from pipeline.questions.check import question_problems

@@ -11,11 +11,9 @@ from functools import partial
 from itertools import islice
 from typing import Any
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.storage import AnyPath, File
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
+from labyrinth_core.questions import QUESTION_COLUMNS
+from labyrinth_core.storage import AnyPath, File
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter

@@ -16,19 +16,19 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import AnyPath, File
+from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.statistics import DatasetStatistics, read_analysis, statistics_of
-from pipeline.machinery.artifact import Sums
+from pipeline.machinery.artifact import Ownership
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
+from pipeline.machinery.sums import Sums
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import BANNER, FIGURES, PICTURES, banner, picture_path
@@ -100,7 +100,7 @@ class Card:
             DatasetError, OSError: The folder has a link in the place of a folder of ours, or cannot
                 be written.
         """
-        self.own.replace(self.files, gone=_gone(self.own, self.files))
+        Ownership(self.own).replace(self.files, gone=_gone(self.own, self.files))
         self.sums.write()
         if self.others:
             reason = "because no card wrote them, or they were damaged or changed since"
@@ -165,7 +165,7 @@ def _prepared(data_dir: AnyPath, release: Release, workers: int, overwrite: bool
     for kind in companions():
         if own_companions := beside(manifests, kind):
             files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
-    others = [] if overwrite else own.others(files)
+    others = [] if overwrite else Ownership(own).others(files)
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()

@@ -15,9 +15,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from string import Template
 from typing import Any, NamedTuple
 
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS, Column
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Columns, Manifest
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
@@ -46,7 +44,7 @@ class _Config(NamedTuple):
     """A config with splits: a dataset, or a companion such as questions."""
 
     manifest: Manifest
-    columns: Sequence[Column]
+    columns: Columns
     splits: Sequence[str]
     row: str
     """What a row stands for."""
@@ -135,7 +133,7 @@ def _rows(parts: Mapping[str, Any], name: str, config: _Config) -> Any:
     files = {"file_set": {"@id": f"files-of-{name}"}, "file_object": None}
     fields = [
         _filled(parts["split"], config=name, meanings=meanings),
-        *(_field(parts, name, column, **files) for column in config.columns),
+        *_fields(parts, name, config.columns, **files),
     ]
     return _filled(parts["rows"], config=name, row=config.row, fields=fields)
 
@@ -144,23 +142,24 @@ def _labyrinths(parts: Mapping[str, Any], parent: str) -> Any:
     """Return the record set of the table of labyrinths of a config."""
     config, file = table_config(parent), {"@id": f"{parent}/{Manifest.TABLE}"}
     files = {"file_set": None, "file_object": file}
-    fields = [_field(parts, config, column, **files) for column in TABLE_COLUMNS]
+    fields = list(_fields(parts, config, TABLE_COLUMNS, **files))
     return _filled(parts["labyrinths"], config=config, parent=parent, fields=fields)
 
 
-def _field(parts: Mapping[str, Any], config: str, column: Column, **files: Any) -> Any:
-    """Return the field of a column of Parquet files."""
-    feature = column.feature
-    is_list = feature["_type"] == "List"
-    feature = feature["feature"] if is_list else feature
-    return _filled(
-        parts["field"],
-        config=config,
-        name=column.name,
-        meaning=f"{column.meaning[0].upper()}{column.meaning[1:]}",
-        type=_DATA_TYPES[feature.get("dtype", feature["_type"])],
-        transform={"jsonPath": "bytes"} if feature["_type"] == "Image" else None,
-        is_array=True if is_list else None,
-        array_shape="-1" if is_list else None,
-        **files,
-    )
+def _fields(parts: Mapping[str, Any], config: str, columns: Columns, **files: Any) -> Iterator[Any]:
+    """Yield the field of each column of Parquet files."""
+    for column in columns:
+        feature = column.feature
+        is_list = feature["_type"] == "List"
+        feature = feature["feature"] if is_list else feature
+        yield _filled(
+            parts["field"],
+            config=config,
+            name=column.name,
+            meaning=f"{column.meaning[0].upper()}{column.meaning[1:]}",
+            type=_DATA_TYPES[feature.get("dtype", feature["_type"])],
+            transform={"jsonPath": "bytes"} if feature["_type"] == "Image" else None,
+            is_array=True if is_list else None,
+            array_shape="-1" if is_list else None,
+            **files,
+        )

@@ -13,17 +13,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.location import local_folder
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.evaluate import NOT_EVALUATED
+from labyrinth_core.data import SPLITS, Dataset, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Sums
 from pipeline.machinery.markdown import table
+from pipeline.machinery.sums import Sums
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph
@@ -77,9 +74,7 @@ def stage_export(job: Job[PublishStageOptions], folder: Path, *, is_unseen: bool
 def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None, Manifest]:
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
     given = job.options.dataset is not None
-    if job.options.publish.repo_id or (
-        given and local_folder(job.source, job.dataset.name, None) is None
-    ):
+    if job.options.publish.repo_id or (given and not Dataset.is_folder(job.source)):
         return published_dataset(job, is_unseen=is_unseen)
     return None, job.open_dataset().manifest
 
@@ -201,7 +196,7 @@ def stage_environment(
         manifest: The manifest of that dataset.
     """
     dataset, _ = job.options.dataset_on_hub
-    splits = [split for split in manifest.config.splits if split not in NOT_EVALUATED]
+    splits = [split for split in manifest.config.splits if split not in SPLITS.not_evaluated]
     # As Python literals, so that no text from the Hub can become code.
     values = {"dataset": repr(dataset), "config": repr(job.dataset.name)}
     File(folder / "env.py").write_text(fill("env.txt", **values, commit=repr(commit)))

@@ -9,8 +9,8 @@ from contextlib import contextmanager
 from huggingface_hub import HfApi, constants, errors, get_token
 from huggingface_hub.errors import HfHubHTTPError
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError, one_line
+from labyrinth_core import hub
+from labyrinth_core.errors import DatasetError, one_line
 from pipeline.machinery.console import say
 
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)

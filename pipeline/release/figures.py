@@ -13,12 +13,9 @@ from typing import NamedTuple
 
 from PIL import Image, ImageDraw, ImageFont
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, State, Structure, Task
 from pipeline.inspection.counts import EXAMPLES, SplitCounts
 from pipeline.machinery.markdown import count
 
@@ -108,7 +105,7 @@ def picture_with_route(labyrinth: Labyrinth, actions: Sequence[int], size: int) 
     """Return the picture of a labyrinth at its start with a route, `_FINER` * `size` wide."""
     if labyrinth.task.rules.hides:
         labyrinth = replace(labyrinth, task=Task.NAVIGATION)
-    states = replay(labyrinth, actions).states
+    states = labyrinth.replay(actions).states
     side = size * _FINER
     image = Image.fromarray(render(labyrinth, states[0]))
     image = image.resize((side, side), Image.Resampling.NEAREST)

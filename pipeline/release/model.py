@@ -11,18 +11,10 @@ from typing import Any
 
 from huggingface_hub import EvalResult, ModelCardData
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import TrainedRun
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import read_run, trained_run
-from labyrinth_core.policies.spec import (
+from labyrinth_core.data import SPLITS, Dataset, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import KnownDataset, Results, TrainedRun
+from labyrinth_core.learning.spec import (
     CONFIG,
     RECORD,
     WEIGHTS,
@@ -30,6 +22,9 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.load import load_policy
+from labyrinth_core.policies.record import read_run, trained_run
+from labyrinth_core.storage import File
 from pipeline.config.stage import Job
 from pipeline.inspection.front_matter import LICENCE, with_values
 from pipeline.machinery.markdown import count, plain, table, verbatim
@@ -203,7 +198,7 @@ def _card(trained: Trained) -> str:
         low=low,
         high=high,
         labyrinths=f"{len(test.distance):,}",
-        why=Scores.WHY_SPL,
+        why=Results.WHY_SPL,
         model=options.model,
         version=options.version,
         revision=trained.revision,

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
-from labyrinth_core.data.storage import RemotePath
-from labyrinth_core.policies.spec import ENCODERS, OWN
+from labyrinth_core.learning.spec import ENCODERS, OWN
+from labyrinth_core.storage import RemotePath
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option

@@ -18,12 +18,12 @@ from typing import Literal
 from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
-from labyrinth_core.data import hub
+from labyrinth_core import hub
 from pipeline.config.export import ExportOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.release.card import prepared_card
 from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import PublishError, explained, is_unseen

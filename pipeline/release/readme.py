@@ -6,12 +6,10 @@ from collections.abc import Sequence
 
 import yaml
 
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
+from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import beside, companions
 from pipeline.inspection.front_matter import table_config

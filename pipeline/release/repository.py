@@ -32,10 +32,10 @@ from huggingface_hub.errors import (  # type: ignore[attr-defined]
 )
 from huggingface_hub.utils.sha import git_hash
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import MALFORMED, DatasetError
-from pipeline.machinery.artifact import HASHES, Sums
+from labyrinth_core import hub
+from labyrinth_core.errors import DatasetError
 from pipeline.machinery.console import say, tracked
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.release.faults import PublishError, reasons
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
@@ -332,7 +332,7 @@ class Repository:
                     parent_commit=parent,
                 )
                 return self._required(made.oid)
-            except (*hub.UNAVAILABLE, *MALFORMED) as error:
+            except hub.FAILED as error:
                 status = hub.status_of(error)
                 is_refused = status == 412
                 if status and not is_refused and hub.seconds_to_wait(error) is None:

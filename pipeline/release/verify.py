@@ -24,15 +24,14 @@ from typing import Any
 from huggingface_hub import get_token
 from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.rows import open_shard
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core import hub
+from labyrinth_core.data import COLUMNS
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.learning.spec import WEIGHTS
 from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.spec import WEIGHTS
+from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
-from pipeline.machinery.folders import remove
 from pipeline.machinery.workers import end_with_parent
 from pipeline.release.faults import PublishError
 
@@ -117,7 +116,7 @@ def _scratch() -> Iterator[Path]:
     root = Path(tempfile.gettempdir())
     for lock in root.glob(f"{PREFIX}*.lock"):
         with suppress(OSError), LocalFile(lock).locked(wait=False):
-            remove(lock.with_suffix(""))
+            LocalFile(lock.with_suffix("")).remove()
     with (
         tempfile.TemporaryDirectory(prefix=PREFIX) as place,
         LocalFile(Path(f"{place}.lock")).locked(),
@@ -221,7 +220,7 @@ def check_config(
 
 def _first_rows(folder: Path, pattern: str) -> list[dict[str, Any]]:
     """Return the first rows of the first file that a pattern of a config matches."""
-    with open_shard(min(folder.glob(pattern))) as file:
+    with COLUMNS.opened(min(folder.glob(pattern))) as file:
         rows: list[dict[str, Any]] = next(file.iter_batches(ROWS_COMPARED)).to_pylist()
     return rows
 

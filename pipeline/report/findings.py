@@ -7,19 +7,11 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from dataclasses import asdict
 from pathlib import Path
-from statistics import mean
 from typing import Any
 
-import numpy as np
-
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in, submissions_in
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.data import SPLITS, Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import KnownDataset, Results
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.console import say
 
@@ -69,7 +61,7 @@ def read_results(
 
     seeds: dict[tuple[str, str, str], list[Results]] = {}
     others: list[Results] = []
-    paths = results_in(run_dir)
+    paths = Results.files_of_runs(run_dir)
     for path in paths:
         results = Results.load(path, of.get)
         run = results.run
@@ -81,17 +73,17 @@ def read_results(
         elif is_shown(results):
             others.append(results)
     named = Counter((config, name) for config, name, _ in seeds)
-    named.update((each.config, _about(each).name) for each in others)
+    named.update((each.config, each.about.name) for each in others)
     found = []
     for (config, name, _), runs in seeds.items():
         # Seeds with other settings are another method, and are named as runs.
-        title = name if named[config, name] == 1 else _about(runs[0]).name
+        title = name if named[config, name] == 1 else runs[0].about.name
         found.append(_method(title, sorted(runs, key=lambda each: each.seed)))
-    found += [_method(_about(each).name, [each]) for each in others]
+    found += [_method(each.about.name, [each]) for each in others]
     for results in _submitted(results_dir, {path.read_bytes() for path in paths}, of.get):
         if is_shown(results):
-            about = {"submitted": True, "author": _about(results).author}
-            found.append(_method(_about(results).name, [results]) | about)
+            about = {"submitted": True, "author": results.about.author}
+            found.append(_method(results.about.name, [results]) | about)
     return found
 
 
@@ -101,7 +93,7 @@ def _submitted(
     """Yield the submitted results, without those that `stages=results` copied there."""
     if results_dir is None:
         return
-    for path, reason in submissions_in(results_dir / ResultsFolderOption.SUBMISSIONS):
+    for path, reason in Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS):
         try:
             if reason:
                 raise DatasetError(f"{path}: {reason}")
@@ -111,11 +103,6 @@ def _submitted(
             say(f"left out: {error}")
 
 
-def _about(results: Results) -> Description:
-    assert results.method is not None  # Always set in results from a file.
-    return results.method
-
-
 def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     """Return the page's data on a method: means over its runs, and each run."""
     first = runs[0]
@@ -123,26 +110,22 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     shown = [split for split in (*SPLITS.evaluated, *SPLITS.shifts) if split in splits_of_all]
     told = [
         {
-            "name": _about(run).name,
-            "splits": {split: _run(run.splits[split]) for split in shown},
+            "name": run.about.name,
+            "splits": {split: _run(run, split) for split in shown},
             "memorised": None if run.memorised is None else asdict(run.memorised),
         }
         for run in runs
     ]
     splits = {}
     for split in shown:
-        scores = [run.splits[split] for run in runs]
-        solved = np.stack([Scores.by_labyrinth(each.episodes.solved) for each in scores])
-        weighted = np.stack([Scores.by_labyrinth(each.weighted) for each in scores])
+        scores, figures = [run.splits[split] for run in runs], Results.over_seeds(runs, split)
         by_all = set.intersection(*(set(each.failed) for each in scores))
         splits[split] = {
-            "spl": mean(each.spl for each in scores),
-            "spl_interval": interval(weighted),
-            "sr_within_cells": mean(each.sr_within_cells for each in scores),
-            "sr": float(solved.mean()),
-            "sr_interval": interval(solved),
-            "aer": mean(each.aer for each in scores),
-            "aer_std": mean(float(each.episodes.returns.std()) for each in scores),
+            **{name: figures[name] for name in ("spl", "sr_within_cells", "sr", "aer", "aer_std")},
+            **{
+                f"{name}_interval": (figures[f"{name}_low"], figures[f"{name}_high"])
+                for name in ("spl", "sr")
+            },
             **_named([number for number in scores[0].failed if number in by_all]),
         }
     return {
@@ -158,7 +141,8 @@ def _method(name: str, runs: Sequence[Results]) -> dict[str, Any]:
     }
 
 
-def _run(scores: Scores) -> dict[str, Any]:
+def _run(run: Results, split: str) -> dict[str, Any]:
+    scores = run.splits[split]
     figures = scores.figures()
     return {figure: figures[figure] for figure in SCORES} | _named(scores.failed)
 

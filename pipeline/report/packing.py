@@ -15,10 +15,9 @@ from typing import Any
 
 import numpy as np
 
-from labyrinth_core.data.dataset import ShardFile
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 from pipeline.inspection.counts import Route, SplitCounts, routes_of
 from pipeline.machinery.executor import ordered_map
 

@@ -15,11 +15,11 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import Results
 from labyrinth_core.language.text import SETTINGS_OF
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
 from labyrinth_core.version import __version__
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.config.stage import Job
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
@@ -140,7 +140,7 @@ def page(datasets: Sequence[Mapping[str, Any]], results: Sequence[Mapping[str, A
         "tasks": {str(task): _described(task) for task in Task},
         "datasets": datasets,
         "results": results,
-        "whySpl": " ".join(Scores.WHY_SPL.split()),
+        "whySpl": " ".join(Results.WHY_SPL.split()),
     }
     style, script = _source("style.css"), "\n".join(_source(f"{name}.js") for name in SCRIPTS)
     policy = (

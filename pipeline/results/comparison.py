@@ -16,7 +16,6 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.intervals import CONFIDENCE
 from pipeline.inspection.shift import holm
 from pipeline.machinery.markdown import count
 
@@ -26,7 +25,7 @@ RESAMPLES = 10_000
 FEWEST = 5
 """A pair of methods is tested if each has at least this number of runs."""
 
-LEVEL = 1 - CONFIDENCE
+LEVEL = 0.05
 """The significance level: a difference counts if its p-value is at most this."""
 
 _DIGITS = 12
@@ -120,35 +119,36 @@ def differences_of(rates: Rates) -> dict[tuple[str, str], float]:
     Methods with fewer than `FEWEST` runs are left out.
     """
     enough = [name for name, each in rates.items() if len(each) >= FEWEST]
-    found = {
+    p_values = {
         (one, other): exchange_test(rates[one], rates[other])
         for one, other in combinations(enough, 2)
     }
-    return dict(zip(found, holm([*found.values()]).tolist(), strict=True))
+    return dict(zip(p_values, holm([*p_values.values()]).tolist(), strict=True))
 
 
 def conclusion(rates: Rates) -> str:
     """Say which of two or more methods differ, and which have too few runs to tell."""
-    found = differences_of(rates)
+    p_values = differences_of(rates)
     few = [name for name, each in rates.items() if len(each) < FEWEST]
-    verdicts = [_verdict(rates, found)] if found else []
+    verdicts = [_verdict(rates, p_values)] if p_values else []
     if few:
         verdicts.append(f"No verdict on {', '.join(few)}: it takes {FEWEST} runs of each method.")
     return " ".join(verdicts)
 
 
-def _verdict(rates: Rates, found: Mapping[tuple[str, str], float]) -> str:
+def _verdict(rates: Rates, p_values: Mapping[tuple[str, str], float]) -> str:
     """Say which pairs differ; `found` has their p-values."""
-    held = f"at a level of {LEVEL:.0%} over {count(len(found), 'pair')}"
+    held = f"at a level of {LEVEL:.0%} over {count(len(p_values), 'pair')}"
     worse: dict[str, list[str]] = {}
-    for pair in (each for each, p in found.items() if p <= LEVEL):
+    for pair in (each for each, p in p_values.items() if p <= LEVEL + _CLOSE):
         better, other = sorted(pair, key=lambda name: -rates[name].mean())
         worse.setdefault(better, []).append(other)
     if worse:
         apart = (f"{better} than {', '.join(others)}" for better, others in worse.items())
         return f"Significantly better, {held}: {'; '.join(apart)}."
-    least = len(found) * min(
-        exchange_test(np.zeros(len(rates[one])), np.ones(len(rates[other]))) for one, other in found
+    least = len(p_values) * min(
+        exchange_test(np.zeros(len(rates[one])), np.ones(len(rates[other])))
+        for one, other in p_values
     )
     if least > LEVEL:
         return (

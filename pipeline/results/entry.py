@@ -8,16 +8,12 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import groupby
-from math import fsum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.description import FRESH, Description, TrainedRun
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language.source_text import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count
@@ -26,18 +22,6 @@ from pipeline.results.paper import title_of
 
 RANKED_BY = "test"
 """The split whose SPL decides the rank: no method learns from its structures."""
-
-FAILURES = ("loop", "wall", "ice")
-"""For each of these, there is a figure: its share of all episodes."""
-
-AVERAGED = (
-    "sr_known_route",
-    "sr_new_route",
-    "path_efficiency",
-    "accuracy_on_demonstrations",
-    "accuracy_elsewhere",
-)
-"""Figures of `Scores` that are averaged over seeds; None if no seed defines them."""
 
 Figures = dict[str, Any]
 """The figures on a split by name, as in `results.csv`; shares, not percent."""
@@ -76,8 +60,7 @@ class Entry:
     @property
     def rates(self) -> NDArray[np.float64]:
         """The success rate of each run on `RANKED_BY`, shape (runs,)."""
-        rates: NDArray[np.float64] = solved_in(self.results, RANKED_BY).mean(axis=1)
-        return rates
+        return np.array([each.splits[RANKED_BY].sr for each in self.results])
 
 
 def entries_of(
@@ -96,16 +79,15 @@ def entries_of(
     def method(each: Results) -> object:
         return each if each.run is None else (each.config, each.run.of_all_seeds)
 
-    found = []
+    entries = []
     for group in (list(group) for _, group in groupby(results, method)):
         first = group[0]
         splits = [split for split in first.splits if all(split in each.splits for each in group)]
-        figures = {split: figures_of(group, split) for split in splits}
-        about = first.method if first.run is None else _described(first.run, figures)
-        assert about is not None  # Always set in results from a file.
+        figures = {split: Results.over_seeds(group, split) for split in splits}
+        about = first.about if first.run is None else _described(first.run, figures)
         replayed = sum(map(is_replayed, group))
-        found.append(Entry(group, about, figures, is_compared(first), replayed))
-    return found
+        entries.append(Entry(group, about, figures, is_compared(first), replayed))
+    return entries
 
 
 def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
@@ -114,54 +96,8 @@ def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
         name=title_of(run),
         author=AUTHOR if run.method in METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
-        details={} if run.train_labyrinths == FRESH else {"labyrinths": labyrinths},
+        details={} if run.train_labyrinths == run.FRESH else {"labyrinths": labyrinths},
     )
-
-
-def figures_of(group: Sequence[Results], split: str) -> Figures:
-    """Return the figures on a split of results that differ only in their seed; one is enough.
-
-    `spl`, `sr` and `aer` have an interval over seeds and labyrinths, with ends `_low` and `_high`.
-    `aer_std` is the standard deviation over labyrinths, averaged over seeds. `by_distance` says
-    how many episodes succeed for each length of the shortest route, such as `8: 3 of 5`.
-    """
-    scores = [each.splits[split] for each in group]
-    outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
-    values = {
-        "spl": np.stack([Scores.by_labyrinth(each.weighted) for each in scores]),
-        "sr": solved_in(group, split),
-        "aer": np.stack([Scores.by_labyrinth(each.episodes.returns) for each in scores]),
-    }
-    figures: dict[str, Any] = {
-        name: _mean(getattr(each, name) for each in scores)
-        for name in ("spl", "sr_within_cells", *AVERAGED)
-    }
-    figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
-    for name, each in values.items():
-        bounds = Scores.return_interval(each) if name == "aer" else interval(each)
-        figures[f"{name}_low"], figures[f"{name}_high"] = bounds
-    figures |= {name: float((outcomes == name).mean()) for name in FAILURES}
-    counted = [each.by_distance for each in scores]
-    lengths = (
-        f"{moves}: {sum(each[moves][0] for each in counted)} of "
-        f"{sum(each[moves][1] for each in counted)}"
-        for moves in counted[0]
-    )
-    return figures | {
-        "labyrinths": len(scores[0].distance),
-        "aer_std": float(np.mean([each.episodes.returns.std() for each in scores])),
-        "by_distance": "; ".join(lengths),
-    }
-
-
-def solved_in(group: Sequence[Results], split: str) -> NDArray[np.float64]:
-    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
-    return np.stack([Scores.by_labyrinth(each.splits[split].episodes.solved) for each in group])
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    defined = [value for value in values if value is not None]
-    return fsum(defined) / len(defined) if defined else None
 
 
 def boards(entries: Iterable[Entry]) -> list[list[Entry]]:

@@ -6,16 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.description import TrainedRun, as_compared
-from labyrinth_core.evaluation.results import Results, results_in, submissions_in
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language.source_text import printable_line
 from pipeline.config.options import ResultsFolderOption
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import Sums
-from pipeline.results.available import Available
+from pipeline.machinery.artifact import Ownership
+from pipeline.machinery.sums import Sums
+from pipeline.results.checking import Checks
 from pipeline.results.paper import METHODS, title_of
-from pipeline.results.replays import Replays
 
 AUTHOR = "Labyrinth datasets"
 """The author of runs of the stages `train` and `evaluate`."""
@@ -30,61 +28,12 @@ def run_of(results: Results) -> TrainedRun:
     return results.run
 
 
-def read(
-    path: Path,
-    available: Available,
-    place: tuple[str, str] | None = None,
-    replays: Replays | None = None,
-) -> Results:
-    """Read results from a file, and check them against the dataset if it is available.
-
-    If the dataset has another fingerprint, results of a run are left unchecked, and results of any
-    other policy are refused.
-
-    Args:
-        path: The file.
-        available: The datasets that are available.
-        place: The config and the name of the run that the path stands for; results of another
-            policy may be there, too.
-        replays: Plays the policy of the results again; None to believe what they claim.
-
-    Raises:
-        DatasetError: The file cannot be read, is inconsistent, or the policy plays otherwise; the
-            message has one line.
-    """
-    results = Results.load(path, available)
-    run, known = results.run, available(results.config)
-    try:
-        if run is not None and place is not None:
-            if (results.config, run.name) != place:
-                name = f"{results.config}/{run.name}"
-                raise ValueError(f"it belongs to the run {name}, not to this one")
-            TrainingOptions.check_run(run, results.observation)
-        if known is None:
-            pass  # Nothing to compare with.
-        elif run is not None and run.fingerprint == results.fingerprint != known.fingerprint:
-            available.missing[results.config] = f"{known.place} is another dataset"
-        else:
-            results.require_dataset(known)
-    except ValueError as error:
-        raise DatasetError(f"{path} is refused: {error}") from error
-    if replays is not None:
-        replays(path, results)
-    return results
-
-
 Copies = Mapping[str, tuple[Path, Results]]
 """Name in `results_dir` -> the file in `run_dir` to copy there, and its results."""
 
 
-def gather(
-    run_dir: Path,
-    results_dir: Path,
-    available: Available,
-    overwrite: bool,
-    replays: Replays | None = None,
-) -> tuple[Copies, list[str]]:
-    """Return the results in `run_dir` that are to be copied, and why each other file is refused.
+def gather(checks: Checks, results_dir: Path, overwrite: bool) -> tuple[Copies, list[str]]:
+    """Return the results of runs that are to be copied, and why each other file is refused.
 
     Nothing is copied yet. If a file is refused, its earlier copy stays. With `overwrite`, copies
     replace files that were made or changed by someone else.
@@ -93,17 +42,17 @@ def gather(
         DatasetError: The SHA256SUMS of `results_dir` is damaged, or another program's.
     """
     refused, copies = [], {}
-    for path in results_in(run_dir):
+    for path in Results.files_of_runs(checks.run_dir):
         config, name = path.parts[-3:-1]
         try:
-            results = read(path, available, (config, name), replays)
+            results = checks.read(path, (config, name))
         except DatasetError as error:
             refused.append(str(error))
             continue
         kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
-    own = Sums.read(results_dir, overwrite=overwrite)
+    own = Ownership(Sums.read(results_dir, overwrite=overwrite))
     for name in () if overwrite else own.others(files):
         refused.append(
             f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "
@@ -114,7 +63,7 @@ def gather(
 
 
 def read_all(
-    results_dir: Path, copies: Copies, available: Available, replays: Replays | None = None
+    checks: Checks, results_dir: Path, copies: Copies
 ) -> tuple[dict[Path, Results], list[Results], list[str]]:
     """Read all results in `results_dir`, as if `copies` were there already.
 
@@ -126,14 +75,14 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = submissions_in(results_dir / ResultsFolderOption.SUBMISSIONS)
+    submitted = Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
     files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):
         is_run = path.is_relative_to(results_dir / RUNS)
-        place = (path.parent.name, path.stem) if is_run else None
+        run_named = (path.parent.name, path.stem) if is_run else None
         try:
-            each = new[path] if path in new else read(path, available, place, replays)
+            each = new[path] if path in new else checks.read(path, run_named)
             if not is_run:
                 _require_own_name(path, each, named)
                 submissions.append(each)
@@ -145,7 +94,7 @@ def read_all(
             refused.append(str(error))
             continue
         for name in _names(each):
-            key = each.config, each.fingerprint, as_compared(name)
+            key = each.config, each.fingerprint, Description.as_compared(name)
             named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
     return runs, submissions, refused
 
@@ -164,11 +113,11 @@ def _require_own_name(
     """Raise a DatasetError if a submission has the name of a run or of another submission."""
     if results.run is not None or results.method is None:
         raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
-    if as_compared(results.method.author) == as_compared(AUTHOR):
+    if Description.as_compared(results.method.author) == Description.as_compared(AUTHOR):
         raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
-    name = as_compared(results.method.name)
+    name = Description.as_compared(results.method.name)
     reason = named.get((results.config, results.fingerprint, name))
-    if name in {as_compared(each) for method in METHODS.items() for each in method}:
+    if name in {Description.as_compared(each) for method in METHODS.items() for each in method}:
         reason = f"name={results.method.name} is reserved for runs"
     if reason is not None:
         raise DatasetError(f"{path} is refused: {reason}")
@@ -219,7 +168,7 @@ def comparable(runs: Mapping[Path, Results]) -> list[Results]:
 
     def order(results: Results) -> tuple[Any, ...]:
         run = run_of(results)
-        place = [*METHODS, run.method].index(run.method)
-        return results.config, run.setup, place, run.method, run.seed
+        number = [*METHODS, run.method].index(run.method)
+        return results.config, run.setup, number, run.method, run.seed
 
     return sorted(runs.values(), key=order)

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from urllib.parse import quote
 
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import DETAILS
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.data import SPLITS
+from labyrinth_core.evaluation import Description, Results
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.entry import RANKED_BY, Entry, Figures, as_csv, percent_cell
 
@@ -23,7 +22,7 @@ MEMORISED = "follows its own train"
 
 ABOUT = f"""## How to read it
 
-Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on. {Scores.WHY_SPL}
+Methods are ranked by SPL on `{RANKED_BY}`, whose structures no method trains on. {Results.WHY_SPL}
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged, in percent. SR:
 share of episodes that reach the goal, in percent; *within n x n*, in as many steps as there are
@@ -84,11 +83,23 @@ def markdown(entries: Sequence[Entry]) -> Iterator[str]:
     rows = (row for each in entries for row in _by_split(each, splits))
     yield table(["method", "", *splits], rows, "ll" + "r" * len(splits))
     yield "What they have learnt from, and how they were evaluated:"
-    heading = ["method", "by", "budget", *DETAILS, "seeds", "sees", "episodes", "version", "date"]
+    heading = [
+        "method",
+        "by",
+        "budget",
+        *Description.DETAILS,
+        "seeds",
+        "sees",
+        "episodes",
+        "version",
+        "date",
+    ]
     asked = any(each.memorised for entry in entries for each in entry.results)
     rows = ([*_effort(entry), *[_memorised(entry)] * asked] for entry in entries)
     yield table(
-        [*heading, *[MEMORISED] * asked], rows, "lll" + "r" * len(DETAILS) + "rlrll" + "l" * asked
+        [*heading, *[MEMORISED] * asked],
+        rows,
+        "lll" + "r" * len(Description.DETAILS) + "rlrll" + "l" * asked,
     )
     yield f"The dataset's fingerprint is `{entries[0].results[0].fingerprint}`."
 
@@ -113,16 +124,16 @@ def _baselines(entries: Sequence[Entry]) -> Iterator[list[str]]:
     for entry in sorted(with_it, key=lambda each: not each.compared)[:1]:
         first = entry.results[0]
         for name, shown in BESIDE.items():
-            if found := first.baselines.get(name, {}).get(RANKED_BY):
-                shares = (f"{100 * found[figure]:.1f}" for figure in ("spl", "sr"))
+            if figures := first.baselines.get(name, {}).get(RANKED_BY):
+                shares = (f"{100 * figures[figure]:.1f}" for figure in ("spl", "sr"))
                 count = len(first.splits[RANKED_BY].distance)
                 mark = "" if entry.compared else f" {MARK}"
                 yield ["", f"{shown}{mark}", *shares, f"{count:,}", "computed"]
 
 
 def _by_split(entry: Entry, splits: Sequence[str]) -> Iterator[list[str]]:
-    found = [entry.figures.get(split) for split in splits]
-    cells = [[""] * 5 if each is None else _cells(each) for each in found]
+    shown = [entry.figures.get(split) for split in splits]
+    cells = [[""] * 5 if each is None else _cells(each) for each in shown]
     for name, *row in zip(_FIGURES, *cells, strict=True):
         yield [_name(entry), name, *row]
 
@@ -141,7 +152,9 @@ def _cells(figures: Figures) -> list[str]:
 
 def _effort(entry: Entry) -> list[str]:
     about, first = entry.about, entry.results[0]
-    details = (f"{about.details[name]:,}" if name in about.details else "" for name in DETAILS)
+    details = (
+        f"{about.details[name]:,}" if name in about.details else "" for name in Description.DETAILS
+    )
     evaluated = [str(len(entry.results)), plain(first.observation), str(first.episodes)]
     return [
         *(_name(entry), plain(about.author), plain(about.budget), *details),

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from labyrinth_core.evaluation.description import RunName
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.evaluation import RunName
+from labyrinth_core.world import RULES
 from pipeline.machinery.markdown import plain
 
 METHODS = {

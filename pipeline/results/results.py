@@ -13,20 +13,20 @@ from pathlib import Path
 
 from rich.table import Column, Table
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Results
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import Sums, leave
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 from pipeline.machinery.markdown import count
-from pipeline.results.available import Available
+from pipeline.machinery.sums import Sums
+from pipeline.results.checking import Checks
 from pipeline.results.entry import Entry, boards, entries_of
 from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all
 from pipeline.results.leaderboard import LEADERBOARD, leaderboard
 from pipeline.results.options import ResultsOptions
 from pipeline.results.paper import title_of
-from pipeline.results.replays import Replays
 from pipeline.results.tables import tables
 
 
@@ -45,34 +45,28 @@ def run(job: Job[ResultsOptions]) -> None:
             two runs cannot be compared.
         RefusedError: Some files are inconsistent; everything else is written.
     """
-    run_dir, results_dir = (
-        Path(folder).expanduser() for folder in (job.options.run_dir, job.options.results_dir)
-    )
-    available = Available(job)
-    overwrite = job.options.overwrite
-    replays = Replays(run_dir, available) if job.options.results.replay else None
-    copies, refused = gather(run_dir, results_dir, available, overwrite, replays)
-    found, submissions, also_refused = read_all(results_dir, copies, available, replays)
+    checks, overwrite = Checks(job), job.options.overwrite
+    results_dir = Path(job.options.results_dir).expanduser()
+    copies, refused = gather(checks, results_dir, overwrite)
+    runs, submissions, also_refused = read_all(checks, results_dir, copies)
     refused += also_refused
-    if not (found or submissions or refused):
+    if not (runs or submissions or refused):
         raise DatasetError(
             f"{results_dir} holds no results, and neither does run_dir: "
             "'stages=[train,evaluate]' makes some"
         )
-    configs = {each.config for each in [*found.values(), *submissions]}
+    configs = {each.config for each in [*runs.values(), *submissions]}
     if job.names_dataset and job.dataset.name not in configs and not refused:
         raise DatasetError(
-            f"there are no results on {job.dataset.name}: those of {run_dir} and {results_dir} are "
-            f"on {', '.join(sorted(configs))}; leave size and task out to compare them"
+            f"there are no results on {job.dataset.name}: those of {checks.run_dir} and "
+            f"{results_dir} are on {', '.join(sorted(configs))}; leave size and task out to "
+            "compare them"
         )
     if copies:
         files = {name: path.read_bytes() for name, (path, _) in copies.items()}
         leave(results_dir, files, overwrite=overwrite)
-    entries = entries_of(
-        [*comparable(found), *submissions],
-        available.has,
-        lambda each: replays is not None and each in replays,
-    )
+    kept = [*comparable(runs), *submissions]
+    entries = entries_of(kept, checks.is_compared, checks.is_replayed)
     methods = [each for each in entries if each.results[0].run is not None]
     texts = leaderboard(boards(entries))
     if methods or Sums.read(results_dir).has("results.csv"):
@@ -82,13 +76,13 @@ def run(job: Job[ResultsOptions]) -> None:
         for _, of_config in groupby(methods, lambda each: each.config):
             say(overview(list(of_config)))
         say_once(Results.LEGEND[0])
-        say(f"{count(len(found), 'run')}: {results_dir}")
-    for paths in of_equal_weights(found):
+        say(f"{count(len(runs), 'run')}: {results_dir}")
+    for paths in of_equal_weights(runs):
         names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)
         say(f"Equal weights, so one policy that counts {len(paths)} times: {names}")
-    for config, reason in available.missing.items():
+    for config, reason in checks.missing.items():
         say(f"{config} is not available, so results on it have no rank: {reason}")
-    for reason, skipped in replays.skipped.items() if replays is not None else ():
+    for reason, skipped in checks.skipped.items():
         say(f"{count(skipped, 'file')} not replayed: {reason}")
     say(f"{count(len(entries), 'method')}: {results_dir / LEADERBOARD}")
     if refused:

@@ -10,22 +10,15 @@ from statistics import mean
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.data import SPLITS
+from labyrinth_core.evaluation import Results
 from pipeline.machinery.markdown import plain, table
 from pipeline.results.comparison import conclusion, interquartile_mean
 from pipeline.results.entry import (
-    AVERAGED,
-    FAILURES,
     RANKED_BY,
     Entry,
     as_csv,
     percent_cell,
-    solved_in,
 )
 from pipeline.results.kept import run_of
 from pipeline.results.paper import PaperFigure, name_of, paper_figures
@@ -33,12 +26,9 @@ from pipeline.results.paper import PaperFigure, name_of, paper_figures
 MARK = "†"
 """Marks a cell of the paper whose AER and SR contradict each other."""
 
-WITHOUT_LEARNING = (*BASELINES, *REFERENCES, *REPLANNERS)
-"""Baselines that need no training, in the order of their columns."""
-
 ABOUT = f"""# Results
 
-{Scores.WHY_SPL}
+{Results.WHY_SPL}
 
 SPL: moves on a shortest route divided by moves taken, 0 if unsolved, averaged. SR: share of solved
 labyrinths. Both are in percent, with one greedy episode per labyrinth. Figures of several seeds are
@@ -57,7 +47,9 @@ COLUMNS = (
     *("config", "setup", "method", "split", "source", "seeds"),
     *("spl", "spl_low", "spl_high", "sr_within_cells"),
     *("sr", "sr_low", "sr_high", "aer", "aer_std", "aer_low", "aer_high"),
-    *(*AVERAGED, *FAILURES, "possible", "by_distance"),
+    *("sr_known_route", "sr_new_route", "path_efficiency"),
+    *("accuracy_on_demonstrations", "accuracy_elsewhere"),
+    *("loop", "wall", "ice", "possible", "by_distance"),
 )
 """The columns of `results.csv`."""
 
@@ -86,7 +78,7 @@ def markdown(group: Sequence[Entry]) -> Iterator[str]:
     if len(rates) > 1:
         yield f"On {RANKED_BY}: {conclusion(rates)}"
     yield "SPL / SR of the references, which do not learn:"
-    without = [name for name in WITHOUT_LEARNING if name in first.baselines]
+    without = [name for name in Results.WITHOUT_LEARNING if name in first.baselines]
     heading = ["split", *(name.replace("_", " ") for name in without)]
     yield table(heading, _baseline_rows(first, without))
     yield "Gap: SR on train minus SR on test, in points. Training of the runs:"
@@ -122,16 +114,14 @@ def _printed(figure: PaperFigure | None) -> str:
 
 def _baseline_rows(results: Results, names: Sequence[str]) -> Iterator[list[str]]:
     for split in SPLITS.evaluated:
-        found = (results.baselines[name][split] for name in names)
-        yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in found)]
+        by_name = (results.baselines[name][split] for name in names)
+        yield [split, *(f"{100 * each['spl']:.1f} / {100 * each['sr']:.1f}" for each in by_name)]
 
 
 def _effort(method: Entry) -> list[str]:
     """Return a row: a method's gap between train and test, and the cost of its runs."""
     training = [run_of(each).training for each in method.results]
-    train, test = (solved_in(method.results, split) for split in ("train", "test"))
-    shares = train.mean() - test.mean(), *interval(train, test)
-    points, low, high = (100 * share for share in shares)
+    points, low, high = (100 * share for share in Results.gap(method.results))
     return [
         name_of(method.run.method),
         str(len(training)),
@@ -184,7 +174,7 @@ def csv_of(methods: Sequence[Entry]) -> str:
         rows += [here | {"split": split} | figures for split, figures in each.figures.items()]
     for (config, setup), results in firsts.items():
         about = {"config": config, "setup": setup, "source": "no learning"}
-        for name in WITHOUT_LEARNING:
-            for split, found in results.baselines.get(name, {}).items():
-                rows.append(about | {"method": name, "split": split} | dict(found))
+        for name in Results.WITHOUT_LEARNING:
+            for split, figures in results.baselines.get(name, {}).items():
+                rows.append(about | {"method": name, "split": split} | dict(figures))
     return as_csv(COLUMNS, rows)

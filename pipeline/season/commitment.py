@@ -16,13 +16,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File, LocalFile
-from labyrinth_core.evaluation.description import is_day
+from labyrinth_core import typed
+from labyrinth_core.data import Dataset, DatasetConfig, Manifest
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.storage import File, LocalFile
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.versions import build_versions
@@ -45,14 +42,14 @@ MOST_BYTES = 1 << 24
 
 
 @dataclass(frozen=True)
-class Place:
+class Layout:
     """The paths of a season's files."""
 
     public: Path
     """The folder that is published."""
 
     @classmethod
-    def of(cls, job: Job[SeasonStageOptions]) -> Place:
+    def of(cls, job: Job[SeasonStageOptions]) -> Layout:
         """Return the paths of the season that a run names."""
         options = job.options.season
         return cls(Path(options.folder).expanduser() / options.name)
@@ -118,23 +115,25 @@ class Season:
         )
 
     @classmethod
-    def read(cls, place: Place) -> Season:
+    def read(cls, layout: Layout) -> Season:
         """Read the season in a folder; raise a DatasetError if there is no valid season."""
         try:
-            require_regular(place.season, MOST_BYTES)
-            season: Season = typed.read_as(cls, File(place.season).read_json())
+            require_regular(layout.season, MOST_BYTES)
+            season: Season = typed.read_as(cls, File(layout.season).read_json())
             season._check()
         except FileNotFoundError as error:
-            raise DatasetError(f"{place.public} is not a season: no {place.season.name}") from error
+            raise DatasetError(
+                f"{layout.public} is not a season: no {layout.season.name}"
+            ) from error
         except (OSError, ValueError, RecursionError) as error:
-            raise DatasetError(f"{place.season} is invalid: {one_line(error):.300}") from error
-        if season.name != place.public.name:
-            raise DatasetError(f"{place.season} is of the season {season.name}")
+            raise DatasetError(f"{layout.season} is invalid: {one_line(error):.300}") from error
+        if season.name != layout.public.name:
+            raise DatasetError(f"{layout.season} is of the season {season.name}")
         return season
 
     def _check(self) -> None:
         """Raise ValueError for what the shape of `season.json` does not show."""
-        if not is_day(self.date):
+        if not typed.is_day(self.date):
             raise ValueError(f"date={self.date}: there is no such day")
         config = self.dataset_of(b"")
         if self.config != without_seed(config):
@@ -145,16 +144,16 @@ class Season:
         """Return the content of `season.json`."""
         return json.dumps(asdict(self), indent=2) + "\n"
 
-    def find_secret(self, place: Place) -> bytes:
+    def find_secret(self, layout: Layout) -> bytes:
         """Return the secret before the reveal; raise a DatasetError if there is none.
 
         It is moved to its place if the process that made the season was killed before.
         """
-        for kept in LocalFile.temporaries(place.secret.parent, [place.secret.name]):
+        for kept in LocalFile.temporaries(layout.secret.parent, [layout.secret.name]):
             with suppress(DatasetError, OSError):
                 self.require_secret(kept)
-                kept.replace(place.secret)
-        return self.require_secret(place.secret)
+                kept.replace(layout.secret)
+        return self.require_secret(layout.secret)
 
     def require_secret(self, path: Path) -> bytes:
         """Read the secret from a file; raise a DatasetError if it is not the one committed to."""
@@ -184,17 +183,17 @@ class Season:
                 f"the secret of {self.name} gives another test than the season commits to: their "
                 f"fingerprints are {manifest.fingerprint:.16} and {self.fingerprint:.16}"
             )
-        found = {shard.path: shard.sha256 for shard in manifest.shards}
+        shards = {shard.path: shard.sha256 for shard in manifest.shards}
         for what, named, right in (
             ("labyrinths", self.labyrinths, labyrinths_of(manifest)),
-            ("shards", dict.fromkeys(self.shards, 1), dict.fromkeys(found, 1)),
+            ("shards", dict.fromkeys(self.shards, 1), dict.fromkeys(shards, 1)),
         ):
             if differing := named.items() ^ right.items():
                 raise DatasetError(
                     f"season.json of {self.name} has other {what} than the test: "
                     f"{min(differing)[0]:.60}"
                 )
-        return [path for path in sorted(found) if found[path] != self.shards[path]]
+        return [path for path in sorted(shards) if shards[path] != self.shards[path]]
 
 
 def labyrinths_of(manifest: Manifest) -> dict[str, int]:

@@ -8,10 +8,10 @@ from pathlib import Path
 from tempfile import gettempdir
 from uuid import uuid4
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File, LocalFile
-from labyrinth_core.evaluation.results import Results
-from pipeline.machinery.folders import held, remove
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Results
+from labyrinth_core.storage import File, LocalFile
+from pipeline.machinery.folders import held
 
 _PREFIX = "labyrinth-season-"
 
@@ -54,11 +54,11 @@ def private_folder() -> Iterator[Path]:
         own.mkdir(mode=0o700)
         try:
             for lock in base.glob(f".{_PREFIX}*.lock"):
-                left = base / lock.name.removeprefix(".").removesuffix(".lock")
+                abandoned = base / lock.name.removeprefix(".").removesuffix(".lock")
                 with suppress(OSError):  # Its process is alive and holds it, or has just ended.
-                    if left != own and lock.lstat().st_uid == own.lstat().st_uid:
+                    if abandoned != own and lock.lstat().st_uid == own.lstat().st_uid:
                         with LocalFile(lock).locked(wait=False):
-                            remove(left)
+                            File(abandoned).remove()
             yield own
         finally:
-            remove(own)
+            File(own).remove()

@@ -15,23 +15,17 @@ from math import log, sqrt
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypedDict
 
-from labyrinth_core.data import typed
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.description import Description, Judgement
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.memorised import train_of
-from labyrinth_core.evaluation.playing import UnrepeatableError
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core import typed
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import held
-from pipeline.season.commitment import MOST_BYTES, Place, Season, check_rows, dataset
+from pipeline.season.commitment import MOST_BYTES, Layout, Season, check_rows, dataset
 from pipeline.season.files import require_regular
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
@@ -43,6 +37,11 @@ _DECIMALS = 2
 CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
 
+REPEATABLE = (
+    "a season judges only policies that do not draw at random and remember nothing between two "
+    "batches"
+)
+
 Row = dict[str, Any]
 """The published entry of a judged submission, with the fields of `_Row`."""
 
@@ -53,7 +52,7 @@ class _Row:
     commit: typed.Commit | None
     files: Mapping[typed.Word, typed.Sha256]
     versions: Mapping[typed.Word, typed.Version]
-    figures: Mapping[typed.SplitName, _Figures]
+    figures: Mapping[Annotated[str, typed.Like("|".join(SPLITS))], _Figures]
     results_sha256: typed.Sha256
 
 
@@ -87,18 +86,18 @@ def run(job: Job[SeasonStageOptions]) -> None:
             submission was judged before with other results.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    place, named = Place.of(job), job.options.season.submission
+    layout, named = Layout.of(job), job.options.season.submission
     try:
         check_name(named)  # Checked now, before the policy plays for hours.
     except ValueError as error:
         raise ConfigError(f"season.submission: {error}") from error
-    season, train = Season.read(place), _train_named(job.options.season.learnt_from)
-    with held(place.public, place.judged.name):
-        if place.revealed.exists():  # Asked while no other process can reveal it.
-            raise DatasetError(f"{place.public} is revealed, so nothing more can be judged on it")
-        secret = season.find_secret(place)
-        rows = settled(place, season)
-        publish(place, season, rows)
+    season, train = Season.read(layout), _train_named(job.options.season.learnt_from)
+    with held(layout.public, layout.judged.name):
+        if layout.revealed.exists():  # Asked while no other process can reveal it.
+            raise DatasetError(f"{layout.public} is revealed, so nothing more can be judged on it")
+        secret = season.find_secret(layout)
+        rows = settled(layout, season)
+        publish(layout, season, rows)
         with fetched(named) as submission:
             about = {"submission": named, "commit": submission.commit, "files": submission.files}
             before = next((row for row in rows if row | about == row), None)
@@ -112,13 +111,13 @@ def run(job: Job[SeasonStageOptions]) -> None:
             elif before != row:
                 raise DatasetError(
                     f"{named} was judged before, with other results or another "
-                    f"season.learnt_from: see {place.judged}"
+                    f"season.learnt_from: see {layout.judged}"
                 )
             overwrite = job.options.overwrite
-            _keep(place, rows.index(row) + 1, submission, content, overwrite=overwrite)
-            publish(place, season, rows)
+            _keep(layout, rows.index(row) + 1, submission, content, overwrite=overwrite)
+            publish(layout, season, rows)
     again = "" if before is None else " again, with the same bytes"
-    say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {place.judged}")
+    say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {layout.judged}")
     if results.memorised:  # Its copies name labyrinths of the test.
         say(str(replace(results.memorised, copies=())))
     if len(rows) > 1:
@@ -174,7 +173,9 @@ def judged(
     signed = here if signed is None else signed
     if lacking := [name for name in here if name not in signed]:
         raise DatasetError(f"its entry has no version of {', '.join(lacking)}")
-    judgement = Judgement(
+    asked = Evaluation.of(submission.policy, data)
+    results = asked.results(["test", *data.manifest.config.shifts], advice=REPEATABLE)
+    results = results.signed(
         season=season.name,
         secret_sha256=season.secret_sha256,
         submission=submission.named,
@@ -182,38 +183,23 @@ def judged(
         files=submission.files,
         versions=signed,
     )
-    try:
-        asked = Evaluation.of(submission.policy, data)
-        results = asked.results(["test", *data.manifest.config.shifts])
-    except UnrepeatableError as error:
-        raise PolicyError(
-            f"{submission.named} answers the same observations differently: a season judges only "
-            "policies that do not draw at random and remember nothing between two batches"
-        ) from error
-    results = replace(
-        results,
-        dataset=f"season:{season.name}",
-        version=judgement.versions["labyrinth-datasets"],
-        judged=judgement,
-        policy=None,  # The judgement names it.
-    )
     if train is not None:
         results = _with_receipt(results, asked, train)
     content = results.to_text(Description(submission.named)).encode()
     return Judged(_row(results, content), results, content)
 
 
-def _train_named(place: str) -> DatasetConfig | None:
+def _train_named(named: str) -> DatasetConfig | None:
     """Return the config of the dataset that `season.learnt_from` names, if any."""
-    if not place:
+    if not named:
         return None
-    source, _, name = place.rstrip("/").rpartition("/")
+    source, _, name = named.rstrip("/").rpartition("/")
     try:
-        return train_of(Dataset(source, name), "test")[0]
+        return Evaluation.train_of(Dataset(source, name))
     except DatasetError:
         raise
     except ValueError as error:
-        raise ConfigError(f"season.learnt_from={place}: {error}") from error
+        raise ConfigError(f"season.learnt_from={named}: {error}") from error
 
 
 def _with_receipt(results: Results, asked: Evaluation, train: DatasetConfig) -> Results:
@@ -244,7 +230,7 @@ def _row(results: Results, content: bytes) -> Row:
     return row
 
 
-def settled(place: Place, season: Season) -> list[Row]:
+def settled(layout: Layout, season: Season) -> list[Row]:
     """Return all entries, after comparing the public list with the private results.
 
     The list may lack the last entries: their process was killed before it published them, or an
@@ -253,15 +239,15 @@ def settled(place: Place, season: Season) -> list[Row]:
     Raises:
         DatasetError: Results are missing, or others than those in the list.
     """
-    rows = read_rows(place, season)
-    numbers = {int(path.stem) for path in place.private.glob("*.json") if path.stem.isdecimal()}
+    rows = read_rows(layout, season)
+    numbers = {int(path.stem) for path in layout.private.glob("*.json") if path.stem.isdecimal()}
     for number in range(1, max(numbers | {len(rows)}) + 1):
-        kept = place.private / f"{number}.json"
-        found = _kept_row(kept, season) if number in numbers else None
-        if found is None or rows[number - 1 : number] not in ([], [found]):
-            raise DatasetError(f"{kept} does not hold the results that {place.judged} names")
+        kept = layout.private / f"{number}.json"
+        kept_row = _kept_row(kept, season) if number in numbers else None
+        if kept_row is None or rows[number - 1 : number] not in ([], [kept_row]):
+            raise DatasetError(f"{kept} does not hold the results that {layout.judged} names")
         if number > len(rows):
-            rows.append(found)
+            rows.append(kept_row)
     return rows
 
 
@@ -273,42 +259,42 @@ def _kept_row(path: Path, season: Season) -> Row | None:
 
 
 def _keep(
-    place: Place, number: int, submission: Submission, content: bytes, *, overwrite: bool
+    layout: Layout, number: int, submission: Submission, content: bytes, *, overwrite: bool
 ) -> None:
     """Keep the results of a submission private until the reveal.
 
     Its files come first if they are not on the Hub: a submission with results is complete.
     """
-    place.private.mkdir(mode=0o700, exist_ok=True)
+    layout.private.mkdir(mode=0o700, exist_ok=True)
     files = {}
     if submission.commit is None:
         paths = submission.folder.iterdir()
         files = {f"{number}/{path.name}": path.read_bytes() for path in paths}
-    leave(place.private, {**files, f"{number}.json": content}, overwrite=overwrite)
+    leave(layout.private, {**files, f"{number}.json": content}, overwrite=overwrite)
 
 
-def publish(place: Place, season: Season, rows: list[Row]) -> None:
+def publish(layout: Layout, season: Season, rows: list[Row]) -> None:
     """Write the list of judged submissions, unless nothing is judged."""
     if rows:
         text = json.dumps({"season": season.name, "judged": rows}, indent=2, ensure_ascii=False)
         # Overwritten, because `rows` has the rows of the file.
-        leave(place.public, {place.judged.name: f"{text}\n".encode()}, overwrite=True)
+        leave(layout.public, {layout.judged.name: f"{text}\n".encode()}, overwrite=True)
 
 
-def read_list(place: Place, season: Season) -> list[Any]:
+def read_list(layout: Layout, season: Season) -> list[Any]:
     """Return the entries of the public list as they are; raise a DatasetError without a list."""
     try:
-        require_regular(place.judged, MOST_BYTES)
-        found: _List = typed.read_as(_List, File(place.judged).read_json())
-        if found.season != season.name:
-            raise ValueError(f"it.season is {found.season!r:.60}, not {season.name!r}")
+        require_regular(layout.judged, MOST_BYTES)
+        content: _List = typed.read_as(_List, File(layout.judged).read_json())
+        if content.season != season.name:
+            raise ValueError(f"it.season is {content.season!r:.60}, not {season.name!r}")
     except FileNotFoundError:
         return []
     except (OSError, ValueError, RecursionError) as error:
         raise DatasetError(
-            f"{place.judged} is not a list of results: {one_line(error):.300}"
+            f"{layout.judged} is not a list of results: {one_line(error):.300}"
         ) from error
-    return found.judged
+    return content.judged
 
 
 def check_row(row: Any) -> None:
@@ -319,12 +305,14 @@ def check_row(row: Any) -> None:
     check_name(row["submission"])
 
 
-def read_rows(place: Place, season: Season) -> list[Row]:
+def read_rows(layout: Layout, season: Season) -> list[Row]:
     """Return the judged submissions in order; raise a DatasetError if the list cannot be read."""
-    rows = read_list(place, season)
+    rows = read_list(layout, season)
     for number, row in enumerate(rows, 1):
         try:
             check_row(row)
         except ValueError as error:
-            raise DatasetError(f"{place.judged}: entry {number}: {one_line(error):.300}") from error
+            raise DatasetError(
+                f"{layout.judged}: entry {number}: {one_line(error):.300}"
+            ) from error
     return rows

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from labyrinth_core.evaluation.description import is_day
+from labyrinth_core import typed
 from pipeline.config.errors import check
 from pipeline.config.option import DATASET_AND_CONFIG, option
 from pipeline.config.options import WorkOptions
@@ -59,7 +59,7 @@ class SeasonStageOptions(WorkOptions):
 def _check(job: Job[SeasonStageOptions], stages: Sequence[str]) -> None:
     options = job.options.season
     check(
-        "season" not in stages or is_day(options.date),
+        "season" not in stages or typed.is_day(options.date),
         f"season.date={options.date}: give the day on which the season begins, such as 2026-11-30",
     )
     check(

@@ -13,13 +13,13 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import PolicyError
+from labyrinth_core.learning.spec import GRAPH
 from labyrinth_core.policies.graph import SECONDS
 from labyrinth_core.policies.load import MOST_BYTES, check_size
 from labyrinth_core.policies.opening import PolicyNameError, files_of
-from labyrinth_core.policies.spec import GRAPH
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.season.files import private_folder, require_regular
 
 
@@ -57,34 +57,34 @@ def fetched(
     """
     try:
         if folder is not None:
-            found = files_of(folder)
+            source = files_of(folder)
         elif pinned:
-            found = files_of(named.partition("@")[0], pinned["commit"], on_hub=True)
+            source = files_of(named.partition("@")[0], pinned["commit"], on_hub=True)
         else:
-            found = files_of(named)
+            source = files_of(named)
     except PolicyNameError as error:
         raise DatasetError(str(error)) from error
     with private_folder() as own:
-        files = _copied(found.paths, own)
+        files = _copied(source.paths, own)
         for name, expected in pinned["files"].items() if pinned else ():
             if files.get(name) != expected:
                 raise DatasetError(
                     f"{named}: {name} differs from the named revision: it is "
                     f"{files.get(name) or 'missing':.16}, not {expected:.16}"
                 )
-        copies = {name: own / name for name in found.paths}
+        copies = {name: own / name for name in source.paths}
         try:
-            policy = replace(found, paths=copies).open(named)
+            policy = replace(source, paths=copies).open(named)
         except DatasetError as error:  # Name the original, not the temporary copy.
             raise DatasetError(str(error).replace(str(own), named)) from error
         if GRAPH in files:
             with policy:
-                yield Submission(named, found.commit, files, own, policy, "onnxruntime")
+                yield Submission(named, source.commit, files, own, policy, "onnxruntime")
         else:
             import torch
 
             torch.set_num_threads(1)  # With several threads, sums may round differently.
-            yield Submission(named, found.commit, files, own, _Limited(policy), "torch")
+            yield Submission(named, source.commit, files, own, _Limited(policy), "torch")
 
 
 class _Limited:
@@ -100,10 +100,10 @@ class _Limited:
 
     def __getattr__(self, name: str) -> Any:
         """Return an attribute of the policy: what it has to be shown, or a method."""
-        found = getattr(self._policy, name)
+        attribute = getattr(self._policy, name)
         if name != "act":
-            return found
-        return lambda observations: self._in_time(found, observations, len(observations))
+            return attribute
+        return lambda observations: self._in_time(attribute, observations, len(observations))
 
     def for_labyrinths(self, height: int, width: int, task: Task) -> _Limited:
         """Return the policy for labyrinths of another size."""

@@ -5,17 +5,15 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import HASHES, Sums
 from pipeline.machinery.console import say
 from pipeline.machinery.markdown import table
+from pipeline.machinery.sums import HASHES, Sums
 from pipeline.machinery.versions import build_versions
-from pipeline.season.commitment import Place, Season, dataset
+from pipeline.season.commitment import Layout, Season, dataset
 from pipeline.season.files import has_sha256
 from pipeline.season.judge import Row, check_row, judged, read_list, shown
 from pipeline.season.options import SeasonStageOptions
@@ -31,31 +29,31 @@ def run(job: Job[SeasonStageOptions]) -> None:
     Raises:
         DatasetError: The season does not exist, is not revealed, or cannot be confirmed.
     """
-    place = Place.of(job)
-    season = Season.read(place)
-    if not place.revealed.exists():
-        raise DatasetError(f"{place.public} is not revealed: {place.revealed.name} is missing")
-    secret = season.require_secret(place.revealed)
-    entries = read_list(place, season)
+    layout = Layout.of(job)
+    season = Season.read(layout)
+    if not layout.revealed.exists():
+        raise DatasetError(f"{layout.public} is not revealed: {layout.revealed.name} is missing")
+    secret = season.require_secret(layout.revealed)
+    entries = read_list(layout, season)
     config = season.dataset_of(secret)
     with dataset(job.options.workers, config) as data:
-        wrong = _other_files(place, season, season.other_shards(data.manifest))
+        wrong = _other_files(layout, season, season.other_shards(data.manifest))
         known = KnownDataset(data)
         lines = []
         for number, entry in enumerate(entries, 1):
             if reason := _refused(entry, entries[: number - 1]):
                 lines.append([f"entry {number}", "-", "-", f"no: {reason}"])
                 continue
-            figures, equal = _judged_again(place, season, number, entry, known)
+            figures, equal = _judged_again(layout, season, number, entry, known)
             lines.append([entry["submission"], shown(entry["figures"]["test"]), figures, equal])
-        lines += [[name, "-", "-", "no: not in the list"] for name in _unlisted(place, entries)]
+        lines += [[name, "-", "-", "no: not in the list"] for name in _unlisted(layout, entries)]
         wrong += sum(line[-1] != EQUAL for line in lines)
         cells = [[cell.replace("|", r"\|") for cell in line] for line in lines]
         say(table(["submission", "judged", "recomputed", "equal"], cells, "llll"))
-        for path in sorted((place.public / "self-reported").glob("[!.]*.json")):
+        for path in sorted((layout.public / "self-reported").glob("[!.]*.json")):
             wrong += _self_reported(path, known)
     if wrong:
-        raise DatasetError(f"{place.public}: {wrong} of its claims cannot be confirmed")
+        raise DatasetError(f"{layout.public}: {wrong} of its claims cannot be confirmed")
 
 
 def _refused(entry: Any, before: list[Any]) -> str | None:
@@ -69,23 +67,23 @@ def _refused(entry: Any, before: list[Any]) -> str | None:
     return "it is in the list twice" if twice else None
 
 
-def _unlisted(place: Place, entries: list[Any]) -> list[str]:
+def _unlisted(layout: Layout, entries: list[Any]) -> list[str]:
     """Return the names of results and submissions that belong to no entry."""
     numbers = [str(number) for number in range(1, len(entries) + 1)]
     listed = {*(f"results/{number}.json" for number in numbers)}
     listed |= {f"submissions/{number}" for number in numbers}
-    found = [*(place.public / "results").glob("[!.]*.json")]
-    found += (place.public / "submissions").glob("[!.]*")
-    names = (path.relative_to(place.public).as_posix() for path in found)
+    paths = [*(layout.public / "results").glob("[!.]*.json")]
+    paths += (layout.public / "submissions").glob("[!.]*")
+    names = (path.relative_to(layout.public).as_posix() for path in paths)
     return sorted(name for name in names if name not in listed)
 
 
-def _other_files(place: Place, season: Season, paths: list[str]) -> int:
+def _other_files(layout: Layout, season: Season, paths: list[str]) -> int:
     """Compare the commitment with its list and with the test; return the number of differences."""
     say(f"{season.name}: the secret and the content of the test match the commitment.")
-    changed = not Sums.read(place.public).has(place.season.name)
+    changed = not Sums.read(layout.public).has(layout.season.name)
     if changed:  # Nothing else shows a change of the date.
-        say(f"{place.season} is not the file that {HASHES} lists, so its date is not confirmed.")
+        say(f"{layout.season} is not the file that {HASHES} lists, so its date is not confirmed.")
     if not paths:
         say(f"All {len(season.shards)} files of the test are identical.")
         return int(changed)
@@ -101,11 +99,11 @@ def _other_files(place: Place, season: Season, paths: list[str]) -> int:
 
 
 def _judged_again(
-    place: Place, season: Season, number: int, row: Row, known: KnownDataset
+    layout: Layout, season: Season, number: int, row: Row, known: KnownDataset
 ) -> tuple[str, str]:
     """Judge a submission again; return its figures, and `EQUAL` or the difference."""
-    revealed = place.public / "results" / f"{number}.json"
-    folder = None if row["commit"] else place.public / "submissions" / str(number)
+    revealed = layout.public / "results" / f"{number}.json"
+    folder = None if row["commit"] else layout.public / "submissions" / str(number)
     try:
         committed = has_sha256(revealed, row["results_sha256"])
         receipt = Results.load(revealed).memorised if committed else None
@@ -119,7 +117,7 @@ def _judged_again(
         if again.row == row:
             return figures, EQUAL
         if again.row["results_sha256"] == row["results_sha256"]:
-            return figures, f"no: {place.judged.name} contradicts the results"
+            return figures, f"no: {layout.judged.name} contradicts the results"
         told = Results.load(revealed, lambda _: known).splits
     except (DatasetError, PolicyError, OSError) as error:
         return "-", f"no: {one_line(error)}"

@@ -21,13 +21,13 @@ from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
 
-from labyrinth_core.data.errors import DatasetError, one_line
-from labyrinth_core.data.storage import File
+from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.learning.learner import Learner
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.network import Network
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.network import Network
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.training.identity import require_same, without_place
 

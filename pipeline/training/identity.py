@@ -7,9 +7,9 @@ from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning.spec import NetworkSpec
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions

@@ -9,9 +9,8 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.evaluation.answers import Policy
 from labyrinth_core.learning.learner import Learner
-from labyrinth_core.policies.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from pipeline.config.errors import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
@@ -49,7 +48,7 @@ scripts/studies/methods/authors.
 
 def fit(
     learner: Learner,
-    judge: Callable[[Policy], dict[str, float]],
+    judge: Callable[[NetworkPolicy], dict[str, float]],
     protocol: Protocol,
     path: Path,
     identity: Mapping[str, Any],

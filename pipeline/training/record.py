@@ -10,15 +10,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data.errors import one_line
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.errors import one_line
+from labyrinth_core.evaluation import Results
+from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
 from labyrinth_core.policies.record import FORMAT, read_run, training_versions
-from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
-from pipeline.machinery.artifact import Sums, leave
+from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
+from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"

@@ -9,6 +9,7 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, replace
@@ -18,22 +19,15 @@ from typing import Any
 import numpy as np
 import torch
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.answers import Player, Policy
-from labyrinth_core.evaluation.description import FRESH
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import step_through, success_rate
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.network import usual_defaults
 from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.steps import Steps, load_steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.networks.network import usual_defaults
-from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.spec import (
     CONFIG,
     ENCODERS,
     OWN,
@@ -41,12 +35,18 @@ from labyrinth_core.policies.spec import (
     WEIGHTS,
     PolicySpec,
 )
+from labyrinth_core.learning.steps import Steps, load_steps
+from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.policies.record import read_run
+from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import Sums, produced
+from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import each_minute, progress, say
-from pipeline.machinery.folders import followed, held, remove, within
+from pipeline.machinery.folders import held, within
+from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
 from pipeline.training.identity import (
     choose_device,
@@ -56,7 +56,7 @@ from pipeline.training.identity import (
     without_place,
 )
 from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 
@@ -70,9 +70,9 @@ def refuse(job: Job[TrainOptions]) -> None:
     options = job.options
     method, _ = find(options.method_name, options.method, options.protocol)
     check(
-        method.renews or options.train_labyrinths != FRESH,
-        f"train_labyrinths={FRESH}: method={options.method_name} learns from the same labyrinths "
-        "in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
+        method.renews or options.train_labyrinths != RunName.FRESH,
+        f"train_labyrinths={RunName.FRESH}: method={options.method_name} learns from the same "
+        "labyrinths in each epoch; give their number, or method=bc, dagger, bco, iupe or planner",
     )
 
 
@@ -88,7 +88,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             holds another run.
     """
     folder = job.options.run_folder(job.dataset)
-    place = followed(folder)
+    place = Path(os.path.realpath(folder)) if folder.is_symlink() else folder
     working = within(place.parent, f".{place.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
     data = job.open_dataset(job.options.first_labyrinths)
@@ -104,12 +104,14 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             if made is not None:
                 path = working / CHECKPOINT
                 if overwrite and path.exists() and identity_in(path) != without_place(identity):
-                    remove(working)
+                    File(working).remove()
                 if method.protocol:
                     _tell_changes(job.options, settings)
                 done = _train(job, data, made, path, identity, checkpoint_seconds)
                 job.write_config(made)
-        remove(working)  # Only now: the next process would have continued from the checkpoint.
+        File(
+            working
+        ).remove()  # Only now: the next process would have continued from the checkpoint.
     if made is None:
         restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")
@@ -205,7 +207,7 @@ def prepare(
     method: type[Learner],
     settings: BaseSettings,
     device: torch.device,
-) -> tuple[Learner, Callable[[Policy], dict[str, float]]]:
+) -> tuple[Learner, Callable[[NetworkPolicy], dict[str, float]]]:
     """Return a fresh learner, and a function that evaluates a policy on train and validation."""
     options = job.options
     spec = spec_of(job)
@@ -245,16 +247,16 @@ def prepare(
         rng=np.random.default_rng(job.dataset.seed),
     )
 
-    def judge(policy: Policy) -> dict[str, float]:
+    def judge(policy: NetworkPolicy) -> dict[str, float]:
         player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
-        rates = {f"{split}_sr": _rate(player, each) for split, each in splits.items()}
+        rates = {f"{split}_sr": player.success_rate(each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
 
-    if options.train_labyrinths == FRESH:
+    if options.train_labyrinths == RunName.FRESH:
         shown = data.manifest.config
         check(
             shown.min_walls == 1,
-            f"train_labyrinths={FRESH}: new labyrinths may be nearer to those of test than "
+            f"train_labyrinths={RunName.FRESH}: new labyrinths may be nearer to those of test than "
             f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
         )
         fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)
@@ -273,13 +275,6 @@ def _tell_changes(options: TrainingOptions, settings: BaseSettings) -> None:
     ]
     if changed:
         say(f"protocol={options.protocol}, but {', '.join(changed)}")
-
-
-def _rate(player: Player, arrays: LabyrinthArrays) -> float:
-    """Return the share of labyrinths that a policy solves; by look-ups if it has no memory."""
-    if player.forgets:
-        return success_rate(player.act, arrays)
-    return float(step_through(player, arrays, 1).solved.mean())
 
 
 @contextmanager

@@ -30,8 +30,8 @@ from environments.summaries import Summary
 from environments.variation import corrected, measure
 from environments.variation_report import write_report
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.storage import File
 from labyrinth_core.version import __version__
 from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.machinery.executor import ordered_map

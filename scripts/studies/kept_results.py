@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
+from labyrinth_core.storage import File
 from pipeline.results.paper import METHODS, name_of
 
 RESULTS = Path(__file__).parents[2] / "docs/results"

@@ -24,10 +24,10 @@ import numpy as np
 from run_queue import ROOT, processor_seconds, program
 
 from labyrinth_core import Dataset, evaluate, load_arrays, load_policy, memorised
-from labyrinth_core.data.storage import File
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
+from labyrinth_core.storage import File
 
 KEPT = ROOT / "docs/results/memorising"
 WORK = ROOT / "data/memorising"

@@ -24,7 +24,7 @@ from kept_results import RESULTS, Run, by_method, rate, read_runs, solved_in, wh
 from methods.authors.learner import try_out
 from run_queue import AUTHORS
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import table

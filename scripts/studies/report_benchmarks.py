@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 from labyrinth_core.benchmarks.levels import percent
 from labyrinth_core.benchmarks.seeds import seeds_of
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 
 Certificate = dict[str, Any]

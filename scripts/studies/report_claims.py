@@ -20,9 +20,9 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from run_queue import HOURS, LONGEST, SCALING, missing_in
 
-from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.baselines import REFERENCES
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
+from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.comparison import conclusion, differences_of, interquartile_mean
 from pipeline.results.entry import RANKED_BY as SPLIT

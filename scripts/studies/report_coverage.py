@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
 from pipeline.machinery.markdown import table
 
 SHARES = (0.02, 0.1, 0.5, 0.9, 0.98)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from environments.variation_report import LIKE_THEIRS, columns_of
 from kept_results import RESULTS
 
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 
 MORE = {
     "environment": "{name}",

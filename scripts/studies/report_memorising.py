@@ -10,7 +10,7 @@ import numpy as np
 from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of
 
@@ -36,19 +36,28 @@ def headline() -> str:
         np.mean([each["test"][figure] for each in asked])
         for figure in ("sr_known_route", "sr_new_route")
     )
-    of = {
-        method: _ranked([each["receipt"]["p"] for each in kept() if each["method"] == method])
-        for method in ("dagger", "released", "mapper")
-    }
+    others = [each for each in kept() if each["name"].startswith("method-")]
+    ranks = [
+        (each["receipt"]["p"], name_of(each["method"]))
+        for each in sorted(others, key=_order)
+        if each["method"] in SIX and each["method"] != "bc"
+    ]
+    follow = [rank for rank, _ in ranks if rank <= 0.05]
+    named = [*dict.fromkeys(name for _, name in ranks)]
+    planners, mappers = (
+        _ranked([each["receipt"]["p"] for each in others if each["method"] == method])
+        for method in ("planner", "mapper")
+    )
     return (
         f"**Behavioural cloning follows what its own training set happened to show. {found} of "
         f"{len(asked)} networks, on {trains} training sets of 100 labyrinths of 5x5, follow their "
         f"own set more than any of 200 others that the same distribution gives (p = 0.005): in "
         f"{min(points):.1f} to {max(points):.1f} more of 100 states of `test` than these explain, "
-        f"{share:.0%} of what a policy would reach that always did. So does DAgger "
-        f"(p = {of['dagger']}); the planner (p = {of['released']}) and the mapper (p = "
-        f"{of['mapper']}) do not. The BC networks solve {known:.0%} of `test` where an optimal "
-        f"route was demonstrated and {new:.0%} elsewhere; the planner and the mapper all.**"
+        f"{share:.0%} of what a policy would reach that always did. So do {len(follow)} of "
+        f"{len(ranks)} networks of {', '.join(named[:-1])} and {named[-1]} (p up to "
+        f"{max(follow):.3f}); the planner (p = {planners}) and the mapper (p = {mappers}) do not. "
+        f"The BC networks solve {known:.0%} of `test` where an optimal route was demonstrated and "
+        f"{new:.0%} elsewhere; the planner and the mapper all.**"
     )
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of, paper_figures

@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from run_queue import GOALS, MANY, SCALING, STEPS, missing_in, scaling
 
-from labyrinth_core.evaluation.description import FRESH
+from labyrinth_core.evaluation import RunName
 from pipeline.machinery.markdown import table
 from pipeline.results.paper import name_of
 
@@ -31,7 +31,7 @@ SPLITS = ("train", "test", "s0", "s0_and_g")
 
 Floats = NDArray[np.float64]
 Curve = dict[int | str, list[Run]]
-"""The number of training labyrinths, or `FRESH`, -> the runs, one for each seed."""
+"""The number of training labyrinths, or `RunName.FRESH`, -> the runs, one for each seed."""
 
 
 def curve(goals: str, steps: int, method: str = "bc") -> Curve:
@@ -41,7 +41,7 @@ def curve(goals: str, steps: int, method: str = "bc") -> Curve:
         for path in sorted((RESULTS / SCALING / f"{goals}-{steps}/runs/5x5").glob(f"{method}-*"))
     ]
     learnt = [run["run"]["train_labyrinths"] for run in runs]
-    order = sorted(set(learnt), key=lambda each: (each == FRESH, each))
+    order = sorted(set(learnt), key=lambda each: (each == RunName.FRESH, each))
     return {
         each: [run for run, of in zip(runs, learnt, strict=True) if of == each] for each in order
     }
@@ -56,14 +56,14 @@ def longest(goals: str) -> tuple[int, Curve]:
 
 def shown(labyrinths: int | str) -> str:
     """Return a number of labyrinths in print."""
-    return "without end" if labyrinths == FRESH else f"{labyrinths:,}"
+    return "without end" if labyrinths == RunName.FRESH else f"{labyrinths:,}"
 
 
 def solved(runs: list[Run], split: str) -> Floats:
     """Return 1 for each solved labyrinth of a split that the runs learnt from, else 0."""
     learnt = runs[0]["run"]["train_labyrinths"]
     outcomes = solved_in(runs, split)
-    return outcomes if split == "test" or learnt == FRESH else outcomes[:, :learnt]
+    return outcomes if split == "test" or learnt == RunName.FRESH else outcomes[:, :learnt]
 
 
 def known(run: Run) -> NDArray[np.bool_]:
@@ -217,7 +217,7 @@ def draw() -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     steps, points = longest("fixed")
     ends = MANY * 4
-    places = {count: ends if count == FRESH else count for count in points}
+    places = {count: ends if count == RunName.FRESH else count for count in points}
     of_test = {count: solved(runs, "test") for count, runs in points.items()}
     there = {count: known(runs[0]) for count, runs in points.items()}
     draw_line(left, places, of_test, COLOURS[0], "all of test", "o")
@@ -243,7 +243,7 @@ def draw() -> Figure:
     left.set_title(f"test, BC with {steps:,} gradient steps")
     for place, goals in enumerate(GOALS):
         steps, points = longest(goals)
-        places = {count: ends if count == FRESH else count for count in points}
+        places = {count: ends if count == RunName.FRESH else count for count in points}
         for split, style, marker in (("s0", ":", "s"), ("s0_and_g", "-", "o")):
             some = {count: solved(runs, split) for count, runs in points.items()}
             draw_line(right, places, some, COLOURS[place], f"{split}, goals={goals}", marker, style)

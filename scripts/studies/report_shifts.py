@@ -16,9 +16,9 @@ from kept_results import by_method, percent, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.baselines import REFERENCES
-from labyrinth_core.evaluation.intervals import interval
+from labyrinth_core.evaluation.scores import interval
 from pipeline.machinery.markdown import table
 
 CELLS = {

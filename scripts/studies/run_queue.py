@@ -24,7 +24,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from labyrinth_core.evaluation.description import FRESH, RunName
+from labyrinth_core.evaluation import RunName
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "docs/results"
@@ -71,7 +71,7 @@ MANY = 10_000
 STEPS = {2_800: 2, 50_000: 36}
 """The gradient steps of a run of SCALING, about -> how often it sees a step of MANY labyrinths."""
 
-POINTS: tuple[int | str, ...] = (100, 1_000, MANY, FRESH, 300, 3_000)
+POINTS: tuple[int | str, ...] = (100, 1_000, MANY, RunName.FRESH, 300, 3_000)
 """The numbers of labyrinths that BC learns from in SCALING, those first that say most."""
 
 

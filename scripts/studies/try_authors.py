@@ -13,13 +13,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from labyrinth_core import Dataset, load_policy
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.evaluate import Evaluation
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Description, Evaluation, Results
 from labyrinth_core.policies.record import read_run
-from pipeline.machinery.artifact import Sums, leave
-from pipeline.training.methods.method import find
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.sums import Sums
+from pipeline.training.method import find
 
 
 def main() -> None:

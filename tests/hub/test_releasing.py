@@ -15,10 +15,10 @@ from support.publishing import REPO
 
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
-from labyrinth_core.data import hub as client
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from pipeline.machinery.artifact import HASHES
+from labyrinth_core import hub as client
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
+from pipeline.machinery.sums import HASHES
 from pipeline.release import publish
 from pipeline.release.card import write_card
 from pipeline.release.faults import explained

@@ -46,14 +46,14 @@ PLANTS = {
     "export": [(("export=imitation",), "pipeline.export.stage:File")],
     "train": [
         ((*TRAINING, "overwrite=true"), "pipeline.training.loop:_select"),
-        (TRAINING, "labyrinth_core.data.typed:read_as"),
+        (TRAINING, "labyrinth_core.typed:read_as"),
     ],
     "evaluate": [
-        ((f"policy={RELEASED}",), "labyrinth_core.policies.spec:_read"),
+        ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
         ((*TRAINING, "overwrite=true"), "pipeline.evaluation.trained:require_same"),
     ],
-    "results": [((), "labyrinth_core.data.typed:read_as")],
+    "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
         (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
         (

@@ -17,8 +17,7 @@ from support.making import Run
 from support.quick_python import python
 from support.tampering import content_of, identities
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.version import __version__
 from pipeline.command.composed import DEFAULTS, OPTIONS
 from pipeline.command.stages import STAGES

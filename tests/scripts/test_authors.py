@@ -13,17 +13,15 @@ import torch
 from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run
 
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from labyrinth_core.learning.learner import Learner, Problem
-from labyrinth_core.policies.networks.acting import outputs_of
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.learning.networks.acting import outputs_of
+from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 from pipeline.training.record import CHECKPOINT, RECORD
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil

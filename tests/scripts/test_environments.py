@@ -11,7 +11,7 @@ import compare_environments as environments
 import pytest
 from environments.summaries import Summary
 
-from labyrinth_core.world.rules import LabyrinthError
+from labyrinth_core.world import LabyrinthError
 from pipeline.command.dataset import DatasetOptions, dataset_config
 
 pytestmark = pytest.mark.slow

@@ -11,9 +11,7 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from itertools import combinations
 
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure, Task
 
 Place = tuple[int, int]
 Passages = frozenset[frozenset[Place]]

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core import load_episodes
-from labyrinth_core.data.episodes import LoadedEpisode
+from labyrinth_core.data import LoadedEpisode
 from pipeline.config.export import ExportOptions
 from pipeline.export import stage
 from pipeline.export.split import Split

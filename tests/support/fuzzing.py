@@ -9,11 +9,7 @@ import numpy as np
 
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import Placer
+from labyrinth_core.world import Labyrinth, LabyrinthError, Placer, Structure, Task
 
 CHARACTERS = [
     *' |+-"SEKDIsex:,;()[]019\n\r\t\0\x1b\ufeff\u2028\xa0\xe9\U0001f600\ud800',
@@ -35,7 +31,7 @@ def random_labyrinth(rng: np.random.Generator) -> Labyrinth:
     """Return a labyrinth of a random size and task, not always with a connected structure."""
     height, width = (int(side) for side in rng.integers(2, 8, size=2))
     open_walls = float(rng.choice([0.0, 0.1, 0.7]))
-    structure = next(sample_structures(height, width, rng, open_walls=open_walls))
+    structure = next(Structure.sample(height, width, rng, open_walls=open_walls))
     start, goal = (int(cell) for cell in rng.choice(structure.cells, size=2, replace=False))
     if rng.random() < 0.2:
         up = structure.up & int.from_bytes(rng.bytes(8), "little")

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import Shard
+from labyrinth_core.folders import LocalFolder
 from pipeline.generation import build
-from pipeline.machinery import folders
 from support.crashing import CrashError
 
 
@@ -31,11 +31,11 @@ def before_each_shard(act: Callable[[], None]) -> Iterator[None]:
 @contextmanager
 def crash(moment: str) -> Iterator[None]:
     """End a build before or after the move into place, or while a file of this name is written."""
-    move, replace = folders.move_into_place, Path.replace
+    move, replace = LocalFolder.complete, Path.replace
 
-    def crashing_move(shards: Path, folder: Path, mark: str) -> None:
+    def crashing_move(place: LocalFolder, shards: Path) -> None:
         if moment == "after the move":
-            move(shards, folder, mark)
+            move(place, shards)
         raise CrashError
 
     def crashing_replace(file: Path, target: Path) -> Path:
@@ -45,7 +45,7 @@ def crash(moment: str) -> Iterator[None]:
 
     with pytest.MonkeyPatch.context() as patch:
         if moment.endswith("the move"):
-            patch.setattr(folders, "move_into_place", crashing_move)
+            patch.setattr(LocalFolder, "complete", crashing_move)
         else:
             patch.setattr(Path, "replace", crashing_replace)
             patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.

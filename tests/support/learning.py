@@ -13,15 +13,15 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.observations import Observations
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.policies.spec import NetworkSpec
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 from support.making import Run
 
 torch.set_num_threads(1)

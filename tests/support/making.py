@@ -8,8 +8,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.evaluation.description import RunName
+from labyrinth_core.data import Drawing
+from labyrinth_core.evaluation import RunName
 from pipeline.command import composed
 from pipeline.command.dataset import BucketsConfig
 from pipeline.command.stages import STAGES

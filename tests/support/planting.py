@@ -8,10 +8,10 @@ from typing import Any
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import COLUMNS
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.storage import File
+from labyrinth_core.world import Labyrinth
 from support.tampering import manifest_of
 
 DEFAULT, OTHER = "3x3", "3x4-key_and_door"

@@ -9,9 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.data.storage import File
-from labyrinth_core.policies.record import FORMAT
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.spec import (
     CONFIG,
     RECORD,
     WEIGHTS,
@@ -19,6 +17,8 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.record import FORMAT
+from labyrinth_core.storage import File
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
@@ -33,7 +33,7 @@ def lay_out_run(folder, spec, **run):
     import torch
     from safetensors.torch import save_file
 
-    from labyrinth_core.policies.networks.acting import make_network
+    from labyrinth_core.learning.networks.acting import make_network
 
     folder.mkdir(parents=True)
     network = make_network(spec.network, average=spec.average, own=spec.own)

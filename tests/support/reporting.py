@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 import labyrinth_core
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation import KnownDataset, Results
 from labyrinth_core.evaluation.playing import Episodes
-from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.world.rules import RULES
+from labyrinth_core.world import RULES
 from support.submitted import keep, of_run
 
 METHOD = "bc-cnn"

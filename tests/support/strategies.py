@@ -8,9 +8,7 @@ from random import Random
 from hypothesis import assume
 from hypothesis import strategies as st
 
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure, Task
 from support.brute_force import (
     World,
     grid_passages,

@@ -11,11 +11,9 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core import evaluate
-from labyrinth_core.evaluation.description import Description, TrainedRun
-from labyrinth_core.evaluation.known import KnownDataset
+from labyrinth_core.evaluation import Description, KnownDataset, Results, TrainedRun
 from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import Replanner
-from labyrinth_core.evaluation.results import Results
 from labyrinth_core.evaluation.scores import ACCURACIES, Scores
 
 

@@ -18,16 +18,12 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from PIL import Image
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import COLUMNS, Dataset, Manifest
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.png import PictureDigest, strips_in
 from labyrinth_core.pictures.renderer import Painter
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.storage import File
+from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shard import Fingerprint, Row
@@ -174,7 +170,7 @@ def picture_digest_of(png: bytes) -> bytes:
 
 def episode_rows(split: str, number: int, labyrinth: Labyrinth, actions: list[int]) -> Rows:
     """Return the rows of an episode, right in everything."""
-    episode = replay(labyrinth, actions)
+    episode = labyrinth.replay(actions)
     painter = Painter(labyrinth)
     return [
         {

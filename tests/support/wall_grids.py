@@ -6,8 +6,7 @@ import io
 
 import numpy as np
 
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 
 GRID = np.array(
     [

@@ -16,7 +16,7 @@ from textwrap import wrap
 
 import yaml
 
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.inspection.front_matter import LICENCE
 

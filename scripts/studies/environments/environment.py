@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from environments.experts import expert_of
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.rules import Action
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Action, Solver, sample_labyrinth
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +92,7 @@ def _labyrinths(config: DatasetConfig) -> Environment:
         labyrinth = sample_labyrinth(
             *size, config.task, rng, algorithm=config.sampler, open_walls=config.open_walls
         )
-        episode = replay(labyrinth, Solver(labyrinth).shortest_route(rng))
+        episode = labyrinth.replay(Solver(labyrinth).shortest_route(rng))
         states = [vector_observation(labyrinth, state) for state in episode.states]
         total = float(episode.rewards.sum(dtype=np.float64))
         return Trajectory(np.array(states, np.float64), episode.actions.astype(np.int64), total)

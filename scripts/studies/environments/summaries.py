@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from environments.discretisation import Discretisation
 from environments.environment import Environment
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.inspection.shift import Floats
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from environments.discretisation import Discretisation
 from environments.environment import FACTS
 from environments.variation import Variation
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 from pipeline.machinery.markdown import table
 from pipeline.results.entry import as_csv
 

@@ -12,8 +12,7 @@ from labyrinth_core.command.__main__ import main
 from labyrinth_core.command.commands import COMMANDS
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.version import __version__
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.world import ALGORITHMS, Task
 
 ROOT = Path(__file__).parents[3]
 DATA = ROOT / "tests" / "data"

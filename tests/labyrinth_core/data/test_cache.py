@@ -11,14 +11,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from labyrinth_core.data import COLUMNS, SPLITS, Manifest, load
 from labyrinth_core.data import cache as caching
-from labyrinth_core.data import load
-from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data.cache import FRAMES, LIMIT_VARIABLE, SUM, cached
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import LocalFile
 
 NOT_CACHED = "optimal", "columns"
 FIELDS = [field.name for field in fields(Transitions) if field.name not in NOT_CACHED]

@@ -24,16 +24,17 @@ from labyrinth_core import (
     Selection,
     compare,
     evaluate,
+    hub,
     load_arrays,
     load_episodes,
     load_transitions,
     stream_episodes,
     stream_transitions,
 )
-from labyrinth_core.data import hub
-from labyrinth_core.data.manifest import Manifest, TableFile
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import Manifest
+from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.notebooks import WIDTH, register
+from labyrinth_core.storage import File
 
 LONG = pc.field("moves") >= 5
 PARTS: list[dict[str, Any]] = [{}, {"labyrinths": 2}, {"where": LONG, "labyrinths": 3}]

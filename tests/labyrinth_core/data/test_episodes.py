@@ -10,17 +10,15 @@ import pyarrow.parquet as pq
 import pytest
 from support.tampering import put_shards
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import Manifest
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language.drawing import describe
 from labyrinth_core.language.text import labyrinth_id, parse
 from labyrinth_core.pictures.renderer import Painter
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 from pipeline.command.dataset import DemonstrationsConfig
 
 BUILDS = {
@@ -82,7 +80,7 @@ def test_all_that_is_loaded_is_what_the_rows_say_and_each_replayed_state_shows(r
         both = (load(*place, split=split, **options) for load in (load_episodes, stream_episodes))
         for index, (rows, *ways) in enumerate(zip(episodes, *both, strict=True)):
             labyrinth = parse(rows[0]["info"])
-            again = replay(labyrinth, [row["actions"] for row in rows[:-1]])
+            again = labyrinth.replay([row["actions"] for row in rows[:-1]])
             shown = np.array([observe(labyrinth, state) for state in again.states])
             number = int(labyrinth_id(labyrinth), 16)
             for episode in ways:

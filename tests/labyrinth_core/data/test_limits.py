@@ -23,11 +23,10 @@ import pytest
 from support.making import Run
 
 from labyrinth_core import DatasetError, load_transitions
+from labyrinth_core.data import COLUMNS, TABLE_COLUMNS, Manifest
 from labyrinth_core.data.dataset import Part
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, TableFile
-from labyrinth_core.data.rows import footer_problem, open_shard
-from labyrinth_core.data.storage import File
+from labyrinth_core.data.manifest import TableFile
+from labyrinth_core.storage import File
 
 MOST = 700 << 20
 """Bytes of memory beyond those of the libraries."""
@@ -39,10 +38,10 @@ import labyrinth_core
 from labyrinth_core import (
     Dataset, load_arrays, load_episodes, load_transitions, stream_episodes, stream_transitions
 )
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.generation.check import validate
 from pipeline.generation.table import structures_in
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 
 pyarrow.set_cpu_count(1)  # Each thread reserves addresses that it does not use.
 moves = pc.field("moves") > 0
@@ -283,14 +282,15 @@ def test_a_sound_dataset_is_read_within_the_same_limit(folder: Path, outcome: Ou
 def test_rows_that_a_footer_hides_are_counted(folder: Path) -> None:
     # Its number of rows is one field, and those of its row groups are others.
     path = folder / TRAIN
-    with open_shard(path) as file:
+    with COLUMNS.opened(path) as file:
         footer = file.metadata
         counted = SimpleNamespace(num_rows=7, num_row_groups=1, row_group=footer.row_group)
-        rows = footer.num_rows
-        assert footer_problem(file, rows) is None
-        message = f"rows {rows}, but the manifest says {rows + 1}"
-        assert footer_problem(file, rows + 1) == message
-        assert footer_problem(SimpleNamespace(metadata=counted), 7) is not None
+        shard = Manifest.read(folder).of("train")[0]
+        assert shard.footer_problem(file) is None
+        message = f"rows {shard.rows}, but the manifest says {shard.rows + 1}"
+        assert replace(shard, rows=shard.rows + 1).footer_problem(file) == message
+        hidden: Any = SimpleNamespace(metadata=counted)
+        assert replace(shard, rows=7).footer_problem(hidden) is not None
 
 
 def test_pictures_that_no_memory_can_hold_are_refused_in_one_line(

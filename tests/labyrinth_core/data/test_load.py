@@ -18,18 +18,15 @@ import pytest
 from datasets import load_dataset
 from support.tampering import episode_rows, put_shards
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import COLUMNS
+from labyrinth_core import hub
+from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.rows import MOST_ROWS
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.manifest import MOST_ROWS
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 CONFIGS = "3x3", "4x4-key_and_door"
 

@@ -7,14 +7,14 @@ import sys
 
 import pytest
 
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.storage import LocalFile
 
 fcntl = pytest.importorskip("fcntl", reason="Windows locks files in another way")
 
 COUNT = """
 import sys
 from pathlib import Path
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.storage import LocalFile
 folder = Path(sys.argv[1])
 for _ in range(40):
     with LocalFile(folder / "lock").locked():
@@ -25,7 +25,7 @@ for _ in range(40):
 DIE = """
 import os, signal, sys
 from pathlib import Path
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.storage import LocalFile
 with LocalFile(Path(sys.argv[1]) / "lock").locked():
     os.kill(os.getpid(), signal.SIGKILL)
 """

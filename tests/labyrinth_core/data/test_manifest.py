@@ -15,8 +15,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.making import Run
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest, Shard
+from labyrinth_core.data import Manifest, Shard
+from labyrinth_core.errors import DatasetError
 
 WRONG = (None, True, 1.0, -1, [], {})
 """Values of which none is that of a field of a shard."""

@@ -11,9 +11,8 @@ import pyarrow.parquet as pq
 import pytest
 from support.making import Run
 
-from labyrinth_core.data.errors import readable
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.rows import open_shard
+from labyrinth_core.data import COLUMNS
+from labyrinth_core.data.manifest import readable
 from pipeline.generation.table import read_schema
 
 
@@ -25,7 +24,7 @@ def test_a_closed_shard_is_out_of_memory_at_once(small_dataset: Run) -> None:
     gc.disable()
     before = _metadata_in_memory()
     try:
-        with open_shard(path) as file:
+        with COLUMNS.opened(path) as file:
             file.read_row_group(0)
         assert read_schema(path).equals(COLUMNS.arrow_schema())
         del file

@@ -14,14 +14,13 @@ import pyarrow.parquet as pq
 import pytest
 from support.tampering import put_shards
 
-from labyrinth_core import load_arrays
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import TABLE_COLUMNS
+from labyrinth_core import hub, load_arrays
+from labyrinth_core.data import TABLE_COLUMNS, Manifest
 from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import Manifest, TableFile
-from labyrinth_core.data.storage import File
+from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.data.stream import stream_episodes, stream_transitions
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
 

@@ -11,7 +11,7 @@ import pytest
 from support.making import RunConfig, resolve
 from support.s3_server import bucket, memory, server
 
-from labyrinth_core.data.storage import (
+from labyrinth_core.storage import (
     File,
     LocalFile,
     RemotePath,

@@ -35,9 +35,8 @@ from labyrinth_core import (
     stream_episodes,
     stream_transitions,
 )
-from labyrinth_core.data import dataset
+from labyrinth_core.data import Manifest, dataset
 from labyrinth_core.data import stream as streaming
-from labyrinth_core.data.manifest import Manifest
 
 CONFIG = "3x4"
 VECTOR = {"observation": "vector"}
@@ -182,14 +181,21 @@ def test_no_more_is_held_than_the_buffer_and_one_item(folders, monkeypatch, buff
 
     whole_episodes = streaming._whole_episodes
 
-    def noted(episodes):
-        for episode in whole_episodes(episodes):
+    def noted(block, spec):
+        for episode in whole_episodes(block, spec):
             alive.add(episode)
             yield episode
 
     monkeypatch.setattr(streaming, "_whole_episodes", noted)
     for _ in stream_episodes(*place, split="random", shuffle=buffer, **VECTOR):
         assert 0 < sum(len(each) + 1 for each in alive) <= max(buffer, longest) + longest
+
+
+def test_whoever_holds_the_last_item_of_an_episode_holds_one_picture(folders):
+    lengths = [len(each) for each in load_episodes(folders[7], CONFIG, **VECTOR)]
+    items = list(stream_transitions(folders[7], CONFIG, image_size=8))
+    for last in np.cumsum(lengths) - 1:
+        assert items[last].observation.base is None
 
 
 def test_ranks_are_those_of_torchrun_unless_given(folders, monkeypatch):

@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, TypedDict
 
 import pytest
 
-from labyrinth_core.data.typed import Count, Like, Share, Within, read_as
+from labyrinth_core.typed import Count, Like, Share, Within, read_as
 
 
 class Open(TypedDict):

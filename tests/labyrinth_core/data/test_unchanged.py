@@ -19,8 +19,8 @@ from labyrinth_core import (
     load_transitions,
     stream_episodes,
 )
-from labyrinth_core.data import rows
-from labyrinth_core.data.manifest import Manifest, table_groups
+from labyrinth_core.data import Manifest, rows
+from labyrinth_core.data.table import table_groups
 
 REPLACED = r"\A[^\n]*3x3 was replaced or grew while it was read: run this again\Z"
 

@@ -23,11 +23,7 @@ from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language.text import dump, labyrinth_id, parse
 from labyrinth_core.pictures.renderer import render
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, Look, State, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import BUCKETS, SPLITS, Structure
-from labyrinth_core.world.tasks import tiles_matter
+from labyrinth_core.world import BUCKETS, Action, Labyrinth, Look, Solver, State, Structure, Task
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 KINDS = ["image", "vector", "state"]
@@ -154,7 +150,7 @@ def test_every_reset_draws_afresh_unless_a_labyrinth_is_kept():
 
 
 @pytest.mark.parametrize("buckets", [(34, 33, 33), (10, 10, 80)])
-@pytest.mark.parametrize("split", SPLITS)
+@pytest.mark.parametrize("split", BUCKETS._fields)
 def test_a_split_keeps_to_its_structures_and_to_the_seed(split, buckets):
     env, again = (LabyrinthEnv(3, split=split, buckets=buckets) for _ in range(2))
     env.reset(seed=5)
@@ -201,7 +197,7 @@ def test_options_change_task_start_and_goal_of_one_episode():
     assert options == given
     labyrinth = parse(info["labyrinth"])
     assert (labyrinth.task, labyrinth.start, labyrinth.goal) == (Task.KEY_AND_DOOR, 4, 20)
-    assert tiles_matter(labyrinth)
+    assert Solver(labyrinth).tiles_matter
     plain = parse(env.reset()[1]["labyrinth"])
     assert (plain.task, plain.start, plain.goal) == (Task.NAVIGATION, 0, 24)
 
@@ -233,7 +229,7 @@ def test_tiles_stay_where_they_are_unless_start_goal_or_task_change():
     assert env.labyrinth == parse(KEY_AND_DOOR)
     env.reset(seed=0, options={"goal": (0, 2)})
     assert env.labyrinth.goal == 2
-    assert tiles_matter(env.labyrinth)
+    assert Solver(env.labyrinth).tiles_matter
     env.reset()
     assert env.labyrinth == parse(KEY_AND_DOOR)
 

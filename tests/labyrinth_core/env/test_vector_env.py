@@ -13,13 +13,11 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from support.known_labyrinths import OPEN
 from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 
-from labyrinth_core.env import LabyrinthEnv, next_labyrinths
+from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.world.batch_sampling import sample_each
-from labyrinth_core.world.rules import Look, Task
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import BatchSampler, Look, Task, sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
 CLOSER = OPEN.replace("|     E |", "| E     |")
@@ -113,14 +111,14 @@ def test_a_split_is_that_of_single_environments():
 
 
 def test_a_labyrinth_that_has_to_be_drawn_alone_is_not_tried_again_before(monkeypatch):
-    tried = 0
+    tried, sample = 0, BatchSampler.sample
 
-    def none(height, width, generators):
+    def none(sampler, generators):
         nonlocal tried
         tried += len(generators)
-        return sample_each(height, width, generators[:0])
+        return sample(sampler, generators[:0])
 
-    monkeypatch.setattr(next_labyrinths, "sample_each", none)
+    monkeypatch.setattr(BatchSampler, "sample", none)
     envs = pair(128, "SameStep", size=3, observation="state", max_episode_steps=20)
     both(envs, lambda env: env.reset(seed=0))
     begun = 128

@@ -13,20 +13,16 @@ from hypothesis import strategies as st
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Chance, Remembering, Rounds, Table, chance, mistaken
 
-from labyrinth_core import PolicyError, compare, dump, evaluate, load_arrays
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core import PolicyError, compare, dump, evaluate, hub, load_arrays
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.evaluation import playing
-from labyrinth_core.evaluation.answers import Player
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Player, Results, playing
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
-from labyrinth_core.evaluation.playing import Episodes, attempts, step_through
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores, score
-from labyrinth_core.world.rules import Task
+from labyrinth_core.evaluation.scores import Episodes, Scores
+from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.world import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())
 
@@ -50,7 +46,7 @@ def told(scores):
 
 
 def stepped(policy, arrays):
-    return Scores.of(step_through(Player.of(policy, 0), arrays, 1), arrays)
+    return Scores.of(Player.of(policy).step_through(arrays, 1), arrays)
 
 
 # Both ways.
@@ -66,7 +62,7 @@ def stepped(policy, arrays):
 def test_stepping_gives_the_figures_of_looking_up(arrays_of, config, split, share, seed):
     arrays = arrays_of[config, split]
     policy = Table(arrays, mistaken(arrays, share, seed))
-    looked_up = told(score(policy, arrays))
+    looked_up = told(Player.of(policy).score(arrays))
     assert told(stepped(policy, arrays)) == looked_up
     assert told(stepped(Remembering(policy), arrays)) == looked_up
 
@@ -96,7 +92,7 @@ def test_a_policy_does_what_it_does_in_the_environment(arrays_of, config, share)
         episodes = stepped(policy, arrays).episodes
     else:
         policy = Remembering(Table(arrays, mistaken(arrays, share)))
-        episodes = score(policy.act, arrays).episodes
+        episodes = Player.of(policy.act).score(arrays).episodes
     for place, labyrinth in enumerate(arrays.labyrinths):
         rewards, outcome = roll_out(policy, labyrinth)
         assert episodes.outcomes[..., place] == outcome
@@ -114,8 +110,8 @@ def test_an_attempt_takes_the_steps_of_the_episode_that_is_judged(arrays_of, con
     random, optimal = (Table(arrays, mistaken(arrays, share)) for share in (1.0, 0.0))
     for policy in (random, optimal, Remembering(random), Rounds(2)):
         player = Player.of(policy, 0)
-        judged = step_through(player, arrays, 1)
-        tried = attempts(player, arrays, range(len(arrays.labyrinths)))
+        judged = player.step_through(arrays, 1)
+        tried = player.attempts(arrays, range(len(arrays.labyrinths)))
         for place, episode in enumerate(tried):
             moves, outcome = judged.moves[0, place], judged.outcomes[0, place]
             assert len(episode) == min(moves, arrays.cells)
@@ -142,6 +138,21 @@ def test_a_function_is_asked_no_more_about_episodes_that_are_over(arrays_of):
     policy, asked = Table(arrays, mistaken(arrays, 0)), []
     stepped(lambda seen: asked.append(len(seen)) or policy(seen), arrays)
     assert sum(asked) == arrays.distance.sum()
+
+
+def test_the_pictures_of_states_are_held_only_for_policies_that_are_stepped(datasets, monkeypatch):
+    held = []
+    monkeypatch.setattr(Looks, "held", lambda looks: held.append(len(looks)) or looks)
+
+    def rightwards(observations):
+        return np.ones(len(observations), np.int64)
+
+    looked_up = evaluate(rightwards, datasets, "3x4", image_size=8)
+    assert not held
+    steps = evaluate(rightwards, datasets, "3x4", image_size=8, episodes=1)
+    assert len(held) == len(steps.splits)
+    for name, each in steps.splits.items():
+        assert told(each) == told(looked_up.splits[name])
 
 
 # Chance.
@@ -229,8 +240,8 @@ class Foreign:
 def test_actions_and_scores_of_any_library_are_understood(arrays_of, answer):
     arrays = arrays_of["3x4", "test"]
     table = Table(arrays, mistaken(arrays, 0.3))
-    expected = score(table, arrays)
-    found = score(lambda seen: answer(table(seen)), arrays)
+    expected = Player.of(table).score(arrays)
+    found = Player.of(lambda seen: answer(table(seen))).score(arrays)
     assert told(found) == told(expected)
     assert found.accuracy_elsewhere == expected.accuracy_elsewhere
     assert told(stepped(lambda seen: answer(table(seen)), arrays)) == told(expected)

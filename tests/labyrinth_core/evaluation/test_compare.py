@@ -11,9 +11,8 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Chance, chance
 
 from labyrinth_core import compare, load_arrays
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.answers import PolicyError
+from labyrinth_core.data import Drawing, Manifest
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.evaluation.compare import Comparison, log_evidence
 from labyrinth_core.language.text import labyrinth_id
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Scores, interval
 
 
 def first(solved, labyrinths):

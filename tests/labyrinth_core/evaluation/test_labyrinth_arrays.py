@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation import labyrinth_arrays
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import LabyrinthArrays, labyrinth_arrays
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures import looks, observations
 from labyrinth_core.pictures.looks import Looks
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Look, Solver
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())

@@ -15,10 +15,10 @@ from support.making import Run
 from support.policies import Chance, Remembering, Rounds, Table, chance
 
 from labyrinth_core import Dataset, PolicyError, load_arrays, load_episodes, memorised, parse
-from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation import memorised as module
 from labyrinth_core.evaluation.baselines import TrainMemory, surroundings
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.twins import (
     FIRST_SEED,
@@ -29,7 +29,7 @@ from labyrinth_core.evaluation.twins import (
     train_set,
     without_effects,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import Labyrinth
 from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]

@@ -9,18 +9,17 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table
 
+from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.evaluation import Player
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.scores import score
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 
 
 def visited(labyrinth, actions):
-    return [state.agent for state in replay(labyrinth, actions).states]
+    return [state.agent for state in labyrinth.replay(actions).states]
 
 
 def parts(cells):
@@ -74,6 +73,6 @@ def test_local_walls_are_looked_up_in_the_same_cell_then_anywhere(datasets, spli
     for state in range(len(arrays.position)):
         met = next(counts[key] for key in keys(arrays, state) if counts[key].total())
         expected.append(min(met, key=lambda action: (-met[action], action)))
-    looked_up = score(Table(arrays, np.array(expected)), arrays)
+    looked_up = Player.of(Table(arrays, np.array(expected))).score(arrays)
     _, figures = TrainMemory.of(train).figures(arrays)
     assert figures["local_walls"] == looked_up.summary()

@@ -11,13 +11,11 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays
-from labyrinth_core.evaluation.answers import Player, PolicyError
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.playing import step_through
+from labyrinth_core.evaluation import Description, Player, PolicyError
 from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task, neighbours
+from labyrinth_core.world import Labyrinth, State, Task
+from labyrinth_core.world.grid import neighbours
 from labyrinth_core.world.structure import breadth_first
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]
@@ -62,7 +60,7 @@ def test_it_plans_with_what_it_has_seen_and_hopes_for_the_rest(structure, data, 
 def test_with_memory_it_solves_every_labyrinth_and_each_in_the_batch_by_itself(datasets):
     arrays = load_arrays(datasets, CONFIG, "train", observation="vector")
     replanner = Replanner(3, 4)
-    together = step_through(Player.of(replanner, 0), arrays, 2)
+    together = Player.of(replanner).step_through(arrays, 2)
     assert together.solved.all()
     assert (together.moves[0] == together.moves[1]).all()
     assert (together.moves >= arrays.distance).all()

@@ -16,11 +16,9 @@ from support.policies import Rounds
 from support.submitted import add_up, content_of, forgetful, of_few, of_run, results_of
 
 from labyrinth_core import memorised
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.known import KnownDataset
-from labyrinth_core.evaluation.results import Results, results_in
+from labyrinth_core.data import SPLITS
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Description, KnownDataset, Results
 
 
 @pytest.fixture(scope="module")
@@ -439,4 +437,4 @@ def test_results_in_hidden_folders_are_not_those_of_runs(tmp_path):
     for name in ("3x3/bc-seed0", "3x3/.bc-seed1.training", ".old/bc-seed0"):
         (tmp_path / name).mkdir(parents=True)
         (tmp_path / name / "results.json").touch()
-    assert results_in(tmp_path) == [tmp_path / "3x3" / "bc-seed0" / "results.json"]
+    assert Results.files_of_runs(tmp_path) == [tmp_path / "3x3" / "bc-seed0" / "results.json"]

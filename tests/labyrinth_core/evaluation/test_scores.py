@@ -9,10 +9,11 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table, mistaken
 
+from labyrinth_core.evaluation import Player, baselines
 from labyrinth_core.evaluation.baselines import TrainMemory, _before, random_figures
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.playing import Episodes, follow, follow_route, success_rate
-from labyrinth_core.evaluation.scores import Scores, score
+from labyrinth_core.evaluation.playing import follow, follow_route
+from labyrinth_core.evaluation.scores import Episodes, Scores
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
@@ -26,7 +27,7 @@ def test_a_success_rate_asks_the_policy_only_where_its_episodes_go(datasets, con
         asked += len(observations)
         return Table(arrays, actions)(observations)
 
-    assert success_rate(policy, arrays) == follow(arrays, actions).solved.mean()
+    assert Player.of(policy).success_rate(arrays) == follow(arrays, actions).solved.mean()
     visited = set()
     for state in arrays.initial.tolist():
         while not arrays.terminal[state] and state not in visited:
@@ -44,7 +45,7 @@ def test_the_step_limit_costs_exactly_four(cells):
 @pytest.mark.parametrize("share", [0.0, 0.2, 0.5])
 def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
     arrays = load_arrays(datasets, "3x4", "test", image_size=8)
-    scores = score(Table(arrays, mistaken(arrays, share)), arrays)
+    scores = Player.of(Table(arrays, mistaken(arrays, share))).score(arrays)
     returns = scores.episodes.returns
     solved = returns[scores.episodes.solved].mean() if scores.sr else 0.0
     assert scores.aer == pytest.approx(scores.sr * solved + (1 - scores.sr) * -4)
@@ -59,7 +60,7 @@ def test_aer_is_what_sr_and_the_return_of_the_solved_imply(datasets, share):
 
 def test_several_episodes_of_one_policy_are_averaged_in_its_interval(datasets):
     arrays = load_arrays(datasets, "3x4", "test", image_size=8)
-    scores = score(Table(arrays, mistaken(arrays, 0.2)), arrays)
+    scores = Player.of(Table(arrays, mistaken(arrays, 0.2))).score(arrays)
     both = Episodes(
         *(np.tile(getattr(scores.episodes, name), (2, 1)) for name in ("outcomes", "moves")),
         arrays.cells,
@@ -72,11 +73,11 @@ def test_several_episodes_of_one_policy_are_averaged_in_its_interval(datasets):
 def test_accuracy_counts_any_optimal_action_where_there_is_one(datasets):
     arrays = load_arrays(datasets, "3x4-icy_floor", "validation", image_size=8)
     best = np.array([np.flatnonzero(row)[-1] if row.any() else 0 for row in arrays.optimal])
-    scores = score(Table(arrays, best), arrays)
+    scores = Player.of(Table(arrays, best)).score(arrays)
     assert (scores.accuracy_on_demonstrations, scores.accuracy_elsewhere) == (1, 1)
     assert scores.path_efficiency == 1
     worst = np.array([np.flatnonzero(~row)[0] if not row.all() else 0 for row in arrays.optimal])
-    wrong = score(Table(arrays, worst), arrays)
+    wrong = Player.of(Table(arrays, worst)).score(arrays)
     assert wrong.accuracy_on_demonstrations < 0.5
     assert (wrong.sr, wrong.path_efficiency) == (0, None)
 
@@ -120,6 +121,16 @@ def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config
     assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
     assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
     assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
+
+
+@pytest.mark.parametrize("config", CONFIGS.values())
+def test_the_random_policy_of_large_labyrinths_is_computed_without_taking_each_step(
+    datasets, config, monkeypatch
+):
+    arrays = load_arrays(datasets, config, "train", observation="vector")
+    stepped = random_figures(arrays)
+    monkeypatch.setattr(baselines, "STEPPED_CELLS", 0)
+    assert random_figures(arrays) == pytest.approx(stepped, rel=1e-11)
 
 
 def test_probabilities_are_added_up_in_the_order_of_the_moves():

@@ -12,11 +12,7 @@ from labyrinth_core.language.drawing import draw_text
 from labyrinth_core.language.edge_list import parse_edges
 from labyrinth_core.language.source_text import MAX_TEXT, parse_size
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import MAX_SIDE, MIN_SIDE, Structure, identity
+from labyrinth_core.world import SIDES, TILES, Labyrinth, Solver, Structure, Task, identity
 
 ROOT = Path(__file__).parents[3]
 VALID = ROOT / "tests" / "data" / "valid"
@@ -139,7 +135,7 @@ def test_a_labyrinth_with_as_many_rows_or_columns_as_may_be_comes_back_the_same(
 
 
 def test_missing_tiles_are_placed_in_a_huge_labyrinth_too():
-    structure = next(sample_structures(60, 60, np.random.default_rng(0)))
+    structure = next(Structure.sample(60, 60, np.random.default_rng(0)))
     for setting in ("key_and_lock", "icy_floor"):
         text = dump(Labyrinth(structure, 0, 3_599)).replace(f"{setting}: False", f"{setting}: True")
         assert parse(text).structure == structure
@@ -207,7 +203,7 @@ def test_hidden_cells_are_covered_and_their_walls_too():
 
 # Sizes.
 
-valid_sides = st.integers(MIN_SIDE, MAX_SIDE)
+valid_sides = st.sampled_from(SIDES)
 
 
 @given(valid_sides, valid_sides)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from labyrinth_core.language.text import SETTINGS, LabyrinthSyntaxError, dump, load, parse
-from labyrinth_core.world.rules import TILES
+from labyrinth_core.world import TILES
 
 DATA = Path(__file__).parents[2] / "data"
 DOCUMENTATION = (DATA.parent.parent / "docs" / "language.md").read_text(encoding="utf-8")

@@ -11,10 +11,7 @@ from support.strategies import labyrinths
 
 from labyrinth_core.language.many import dump_many, parse_many
 from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.world.batch import Structures
-from labyrinth_core.world.rules import Look, Task
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Look, Structure, Structures, Task, sample_labyrinth
 
 
 @st.composite

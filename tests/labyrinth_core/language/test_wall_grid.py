@@ -8,7 +8,7 @@ from support.strategies import labyrinths, structures
 from support.wall_grids import GRID, LABYRINTH, changed
 
 from labyrinth_core.language.wall_grid import from_connections, from_grid, to_grid
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 
 def test_the_array_shows_walls_start_and_goal_with_the_top_row_first():

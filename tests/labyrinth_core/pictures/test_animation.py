@@ -5,16 +5,13 @@ import pytest
 from PIL import Image
 
 from labyrinth_core.pictures.animation import beside, frames_of, gif
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 
 def episode(task, size=5):
     rng = np.random.default_rng(3)
     labyrinth = sample_labyrinth(size, size, task, rng)
-    return replay(labyrinth, Solver(labyrinth).shortest_route(rng))
+    return labyrinth.replay(Solver(labyrinth).shortest_route(rng))
 
 
 def decoded(data):

@@ -38,11 +38,7 @@ from labyrinth_core.pictures.renderer import (
 )
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import draw
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import Labyrinth, State, Structure, Task, sample_labyrinth
 
 NAVIGATION = """
 labyrinth:
@@ -308,7 +304,7 @@ def open_and_closed(structure, pair):
 @pytest.mark.slow
 @pytest.mark.parametrize(("height", "width"), SIZES)
 def test_opening_or_closing_any_one_wall_shows(height, width):
-    structure = next(sample_structures(height, width, np.random.default_rng(0)))
+    structure = next(Structure.sample(height, width, np.random.default_rng(0)))
     pairs = grid_passages(height, width)
     for pair in Random(0).sample(pairs, min(len(pairs), 60)):
         painters = [Painter(labyrinth) for labyrinth in open_and_closed(structure, pair)]

@@ -14,11 +14,15 @@ from labyrinth_core.pictures.bands import bands_of
 from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import KeptScenes, draw
-from labyrinth_core.world.batch import Labyrinths
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, State, Task
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import (
+    Labyrinth,
+    Labyrinths,
+    Look,
+    State,
+    Structure,
+    Task,
+    sample_labyrinth,
+)
 
 looks = st.sampled_from(Look)
 DRAW = Backdrops.draw

@@ -9,7 +9,7 @@ from support.strategies import labyrinths
 
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 
 
 def expected(labyrinth, state):

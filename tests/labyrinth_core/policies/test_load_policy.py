@@ -33,12 +33,10 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
-from labyrinth_core.data.storage import File
 from labyrinth_core.evaluation.answers import fitted
-from labyrinth_core.policies.load import MOST_BYTES
-from labyrinth_core.policies.networks.acting import NetworkPolicy, make_network
-from labyrinth_core.policies.networks.mapping import MapperPolicy
-from labyrinth_core.policies.spec import (
+from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
+from labyrinth_core.learning.networks.mapping import MapperPolicy
+from labyrinth_core.learning.spec import (
     CONFIG,
     WEIGHTS,
     MapperSpec,
@@ -46,9 +44,10 @@ from labyrinth_core.policies.spec import (
     PlannerSpec,
     PolicySpec,
 )
+from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.policies.weights import read_tensors
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.rules import Task
+from labyrinth_core.storage import File
+from labyrinth_core.world import Task
 
 torch.set_num_threads(1)
 
@@ -264,7 +263,7 @@ def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_
     episodes = []  # Of each the first flag, the picture and the action in each state.
     for _ in range(3):
         labyrinth = sample_labyrinth(3, 3, Task.NAVIGATION, rng)
-        states = replay(labyrinth, shortest_route(labyrinth, rng)).states
+        states = labyrinth.replay(shortest_route(labyrinth, rng)).states
         pictures = [render(labyrinth, each) for each in states]
         policy.reset(1)
         actions = [policy.act(each[None])[0] for each in pictures]

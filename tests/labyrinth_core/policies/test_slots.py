@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
-from labyrinth_core.policies.networks.slots import (
+from labyrinth_core.learning.networks.slots import (
     Slots,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
+from labyrinth_core.world import Labyrinth, State, Task, sample_labyrinth
 
 RNG = np.random.default_rng(0)
 

@@ -9,16 +9,14 @@ import torch
 from torch import Tensor, nn
 
 from labyrinth_core.language.text import load
-from labyrinth_core.pictures.renderer import render
-from labyrinth_core.policies.networks.symmetry import (
+from labyrinth_core.learning.networks.symmetry import (
     SYMMETRIES,
     Averaged,
     transform,
     transformed_actions,
 )
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.pictures.renderer import render
+from labyrinth_core.world import Labyrinth, State, Structure
 
 pytestmark = pytest.mark.slow
 

@@ -7,9 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.world.batch import Tables
-from labyrinth_core.world.batch_sampling import sample_each
-from labyrinth_core.world.labyrinth import Labyrinth
+from labyrinth_core.world import BatchSampler, Labyrinth, Tables
 
 
 @given(labyrinths())
@@ -24,7 +22,7 @@ def test_rewards_and_ends_are_those_of_the_dynamics(labyrinth):
 def test_tables_of_many_are_those_of_each_labyrinth(height, width, seed, normalised):
     rng = np.random.default_rng(seed)
     start, goal = rng.choice(height * width, 2, replace=False).tolist()
-    structures = sample_each(height, width, rng.spawn(4)).structures
+    structures = BatchSampler(height, width).sample(rng.spawn(4)).structures
     together = Tables.of_many(structures, start, goal, normalised=normalised)
     for place in range(len(structures)):
         alone = Tables.of(Labyrinth(structures[place], start, goal), normalised=normalised)

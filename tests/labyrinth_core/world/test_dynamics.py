@@ -18,15 +18,8 @@ from support.brute_force import (
 )
 from support.strategies import labyrinths, structures
 
-from labyrinth_core.world.batch import seen_together
-from labyrinth_core.world.dynamics import (
-    Episode,
-    replay,
-)
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, State, neighbours
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Action, Episode, Labyrinth, Solver, State, Structure, seen_together
+from labyrinth_core.world.grid import neighbours
 
 
 def state_of(world, situation):
@@ -105,7 +98,7 @@ def until_over(world, route):
 def test_a_replay_visits_and_pays_what_the_rules_say(labyrinth, route):
     world = world_of(labyrinth)
     situations, rewards = until_over(world, route)
-    episode = replay(labyrinth, route[: len(rewards)])
+    episode = labyrinth.replay(route[: len(rewards)])
     assert episode.labyrinth is labyrinth
     assert [
         (divmod(state.agent, world.width), state.has_key, state.door_open)
@@ -124,15 +117,15 @@ def test_a_replay_visits_and_pays_what_the_rules_say(labyrinth, route):
 def test_an_action_after_the_end_of_the_episode_is_refused(labyrinth, more):
     route = [*Solver(labyrinth).shortest_route(np.random.default_rng(0)), *more]
     steps = len(route) - len(more)
-    assert replay(labyrinth, route[:steps]).terminated
+    assert labyrinth.replay(route[:steps]).terminated
     with pytest.raises(ValueError, match=f"^the episode ends after {steps} steps, but an action"):
-        replay(labyrinth, route)
+        labyrinth.replay(route)
 
 
 @pytest.mark.parametrize("action", [-1, 4, 255])
 def test_an_action_that_is_none_of_the_four_is_refused(action):
     with pytest.raises(ValueError, match=f"^action {action}: the actions are 0, 1, 2 and 3"):
-        replay(ROOM, [0, action])
+        ROOM.replay([0, action])
 
 
 @pytest.mark.parametrize(("actions", "rewards"), [(2, 3), (3, 2), (4, 4), (2, 2)])

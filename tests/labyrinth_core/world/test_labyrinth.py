@@ -23,10 +23,16 @@ from support.brute_force import (
 from support.strategies import labyrinths, randoms, structures
 
 from labyrinth_core.checks import whole
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, LabyrinthError, Look, Task
-from labyrinth_core.world.structure import UNREACHABLE, Structure
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import (
+    Action,
+    Labyrinth,
+    LabyrinthError,
+    Look,
+    Structure,
+    Task,
+    sample_labyrinth,
+)
+from labyrinth_core.world.structure import UNREACHABLE
 
 # Passages.
 

@@ -14,12 +14,7 @@ from support.brute_force import (
     passages_of,
 )
 
-from labyrinth_core.world.sampling import (
-    ALGORITHMS,
-    default_open_walls,
-    sample_structures,
-)
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import ALGORITHMS, Structure, default_open_walls
 
 seeds = st.integers(0, 2**64 - 1)
 sides = st.integers(2, 7)
@@ -28,7 +23,7 @@ algorithms = st.sampled_from(sorted(ALGORITHMS))
 
 def draw(count, height, width, seed, **options):
     rng = np.random.default_rng(seed)
-    return list(islice(sample_structures(height, width, rng, **options), count))
+    return list(islice(Structure.sample(height, width, rng, **options), count))
 
 
 def connected(height, width):
@@ -69,7 +64,7 @@ def test_every_sampled_structure_is_connected(height, width, seed, algorithm, op
     ],
 )
 def test_a_seed_gives_the_same_structure_on_every_machine(algorithm, structure_id):
-    structure = next(sample_structures(5, 5, np.random.default_rng(0), algorithm=algorithm))
+    structure = next(Structure.sample(5, 5, np.random.default_rng(0), algorithm=algorithm))
     assert structure.structure_id == structure_id
 
 
@@ -139,7 +134,7 @@ def test_as_many_walls_are_open_as_in_the_published_sets(height, width, share):
 def test_an_unknown_algorithm_is_refused_with_the_known_ones():
     message = "^sampler=magic: choose one of wilson, depth_first, kruskal, prim$"
     with pytest.raises(ValueError, match=message):
-        next(sample_structures(3, 3, np.random.default_rng(0), algorithm="magic"))
+        next(Structure.sample(3, 3, np.random.default_rng(0), algorithm="magic"))
 
 
 @pytest.mark.parametrize("open_walls", [-0.1, 1.1, float("nan"), float("inf")])
@@ -147,4 +142,4 @@ def test_a_share_that_is_no_probability_is_refused(open_walls):
     with pytest.raises(
         ValueError, match=f"^open_walls={open_walls}: give a probability from 0 to 1"
     ):
-        next(sample_structures(3, 3, np.random.default_rng(0), open_walls=open_walls))
+        next(Structure.sample(3, 3, np.random.default_rng(0), open_walls=open_walls))

@@ -22,18 +22,17 @@ from support.brute_force import (
 from support.brute_force import simple_routes as brute_simple_routes
 from support.strategies import labyrinths, structures
 
-from labyrinth_core.world.dynamics import (
+from labyrinth_core.world import (
     Episode,
-    replay,
-)
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.solver import (
+    Labyrinth,
     RouteMemory,
     Solver,
+    State,
+    Structure,
+    Task,
+    sample_labyrinth,
 )
-from labyrinth_core.world.structure import UNREACHABLE, Structure
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world.structure import UNREACHABLE
 
 
 def without_walls(height, width):
@@ -131,7 +130,7 @@ def test_a_count_of_routes_beyond_any_machine_word_is_no_obstacle():
     labyrinth = without_walls(50, 50)
     route = Solver(labyrinth).shortest_route(np.random.default_rng(5))
     assert len(route) == 98
-    assert replay(labyrinth, route).terminated
+    assert labyrinth.replay(route).terminated
 
 
 # Limits.
@@ -233,7 +232,7 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
     plain = Labyrinth(labyrinth.structure, labyrinth.start, labyrinth.goal)
     for known in (plain, labyrinth):  # Also routes over ice, and to a door without its key.
         some = Solver(known).shortest_routes(data.draw(st.sampled_from([0, 1, 5])))
-        routes += [[state.agent for state in replay(known, route).states] for route in some]
+        routes += [[state.agent for state in known.replay(route).states] for route in some]
     ways = []
     for route in routes:
         visited = [cell for cell, _ in groupby(route)]
@@ -243,7 +242,7 @@ def test_the_best_way_is_the_shortest_part_of_a_route_that_is_open(labyrinth, da
     best = RouteMemory(routes).best(labyrinth)
     assert (None if best is None else len(best)) == min(ways, default=None)
     if best is not None:
-        assert replay(labyrinth, best).states[-1].agent == labyrinth.goal
+        assert labyrinth.replay(best).states[-1].agent == labyrinth.goal
 
 
 def test_ice_bars_a_route():

@@ -23,14 +23,14 @@ from support.brute_force import (
 )
 from support.strategies import connected_structures, labyrinths
 
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import LabyrinthError, Task
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
-from labyrinth_core.world.tasks import (
+from labyrinth_core.world import (
+    Labyrinth,
+    LabyrinthError,
     Placer,
+    Solver,
+    Structure,
+    Task,
     sample_labyrinth,
-    tiles_matter,
 )
 
 seeds = st.integers(0, 2**32 - 1)
@@ -97,7 +97,7 @@ def ends(draw):
 def test_tasks_without_tiles_need_nothing_placed(where, task):
     labyrinth = Placer(np.random.default_rng(0)).place(*where, task)
     assert labyrinth == Labyrinth(*where, task)
-    assert tiles_matter(labyrinth)
+    assert Solver(labyrinth).tiles_matter
 
 
 @given(ends(), seeds)
@@ -111,7 +111,7 @@ def test_key_and_door_are_placed_by_the_rules_wherever_they_allow_it(where, seed
     assert (labyrinth.structure, labyrinth.start, labyrinth.goal) == where
     assert (labyrinth.key, labyrinth.door) in allowed
     assert keeps_the_rules(world_of(labyrinth), Task.KEY_AND_DOOR)
-    assert tiles_matter(labyrinth)
+    assert Solver(labyrinth).tiles_matter
 
 
 @pytest.mark.slow
@@ -141,7 +141,7 @@ def test_ice_lies_on_shortest_routes_and_leaves_none_but_longer_ones(where, seed
     assert replace(icy, ice=frozenset()) == world
     assert icy.ice <= on_shortest_routes(world)
     assert fewest_moves(icy) > fewest_moves(world)
-    assert tiles_matter(labyrinth)
+    assert Solver(labyrinth).tiles_matter
 
 
 @pytest.mark.slow
@@ -152,7 +152,7 @@ def test_ice_is_placed_wherever_it_can_matter():
     rng = np.random.default_rng(21)
     for _ in range(60):
         height, width = rng.integers(3, 5, size=2).tolist()
-        structure = next(sample_structures(height, width, rng, open_walls=0.4))
+        structure = next(Structure.sample(height, width, rng, open_walls=0.4))
         start, goal = rng.choice(structure.cells, size=2, replace=False).tolist()
         places.append((structure, start, goal))
     for where in places:
@@ -167,7 +167,7 @@ def test_ice_is_placed_wherever_it_can_matter():
 
 
 def test_every_place_for_key_and_door_comes_up():
-    structure = next(sample_structures(4, 4, np.random.default_rng(1)))
+    structure = next(Structure.sample(4, 4, np.random.default_rng(1)))
     allowed = keys_and_doors(world_between(structure, 0, 15))
     placed = Counter()
     for seed in range(400):
@@ -215,7 +215,7 @@ def test_tiles_matter_when_they_make_the_best_route_longer_than_it_would_be(laby
         matter = fewest_moves(world) > fewest_moves(plain)
     else:
         matter = True
-    assert tiles_matter(labyrinth) == matter
+    assert Solver(labyrinth).tiles_matter == matter
 
 
 # Another start, another goal.
@@ -275,7 +275,7 @@ def test_start_and_goal_change_to_cells_far_enough_apart_unless_none_hold_the_ta
     assert (changed.structure, changed.task) == (structure, task)
     assert (changed.start, changed.goal) in pairs
     assert keeps_the_rules(world_of(changed), task)
-    assert tiles_matter(changed)
+    assert Solver(changed).tiles_matter
 
 
 def test_goals_are_drawn_equally_often_and_then_the_starts_that_are_far_enough():

@@ -10,7 +10,7 @@ from support.making import perform
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import repeats
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.certify.options import CertifyOptions
 
 

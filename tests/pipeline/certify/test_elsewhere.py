@@ -11,12 +11,12 @@ from pathlib import Path
 import pytest
 from support.making import Run
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.certify.labyrinths import read_elsewhere
 
 READ = """
 import sys
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.certify.labyrinths import read_elsewhere
 try:
     read_elsewhere(sys.argv[1], "3x3")

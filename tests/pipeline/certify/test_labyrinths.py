@@ -18,9 +18,8 @@ from support.planting import labyrinths, transposed
 from support.tampering import folder_behind_link
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import labyrinth_id
 from pipeline.certify.options import CertifyOptions
 

@@ -16,7 +16,7 @@ from support.making import Run
 from support.quick_python import python
 from support.tampering import content_of
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from pipeline.command.stages import STAGES
 from pipeline.config.stage import Job
 

@@ -180,7 +180,12 @@ def test_the_class_of_a_method_in_the_old_form_is_told_in_the_new_one() -> None:
 @pytest.mark.parametrize(
     ("target", "name", "title"),
     [
-        ("pipeline.training.methods.bc.Method", "bc", "bc"),
+        ("labyrinth_core.learning.methods.bc.Method", "bc", "bc"),
+        (
+            "pipeline.training.methods.bc.Method",
+            "bc",
+            "bc",
+        ),  # In the `config.yaml` of earlier runs.
         ("mine.Method", "mine:Method", "mine"),
         ("bc.Method", "bc:Method", "bc"),
         ("lab.mine.Smoothed", "lab.mine:Smoothed", "Smoothed"),

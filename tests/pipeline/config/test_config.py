@@ -19,16 +19,15 @@ from omegaconf import OmegaConf
 from support.composing import composed
 from support.making import RunConfig, resolve
 
-from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS, DatasetConfig
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.sampling import ALGORITHMS
+from labyrinth_core.data import SPLITS, DatasetConfig
+from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS
+from labyrinth_core.world import ALGORITHMS, Task
 from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import BucketsConfig, DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.training import METHODS
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 from scripts.write_options import written
 
 CONF = Path(__file__).parents[3] / "conf"

@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import KnownDataset, Player, Results
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.playing import success_rate
-from labyrinth_core.evaluation.results import Results
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
@@ -74,7 +71,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
     for split in SPLITS.evaluated:
         arrays = load_arrays(trained.data_dir, "3x3", split)
-        assert content["splits"][split]["sr"] == success_rate(policy, arrays)
+        assert content["splits"][split]["sr"] == Player.of(policy).success_rate(arrays)
     stage.run(trained)
     assert (folder / "results.json").read_text(encoding="utf-8") == text
 
@@ -238,7 +235,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
         assert (content["dataset"]["config"], content["run"]["config"]) == (name, "3x3")
         for split in SPLITS.evaluated:
             arrays = load_arrays(data_dir, name, split)
-            assert content["splits"][split]["sr"] == success_rate(policy, arrays)
+            assert content["splits"][split]["sr"] == Player.of(policy).success_rate(arrays)
     assert (folder / "results.json").read_bytes() == before
 
 

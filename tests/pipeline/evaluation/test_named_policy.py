@@ -17,11 +17,10 @@ from support.publishing import REPO, environment, local_hub, published
 from support.quick_python import python
 
 from labyrinth_core import PolicyError, evaluate
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.policies.spec import NetworkSpec, PolicySpec
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Description, Results
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.storage import File
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage

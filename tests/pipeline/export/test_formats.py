@@ -15,7 +15,7 @@ import pytest
 from support.exporting import SIZE, episodes, split_of
 from support.making import Run
 
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
 from pipeline.export import imitation, lerobot
 
 SPLITS = ("train", "random")

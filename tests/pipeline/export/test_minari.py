@@ -10,7 +10,7 @@ import pytest
 from support.exporting import SIZE, episodes, export
 from support.making import Run
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 
 CASES = [
     ("navigation", ("train", "random")),

@@ -22,10 +22,10 @@ from support.exporting import export, split_of
 from support.making import Run
 from support.tampering import content_of
 
-from labyrinth_core.data import hub
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
+from labyrinth_core import hub
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.stage import Job

@@ -21,15 +21,13 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.format import COLUMNS
+from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
+from labyrinth_core.data import manifest as listing
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import LocalFile
 from labyrinth_core.language.text import parse
 from labyrinth_core.pictures.png import Mosaic, Strip
-from labyrinth_core.world.rules import Task
+from labyrinth_core.storage import LocalFile
+from labyrinth_core.world import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace
@@ -169,7 +167,7 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "DRAWN_AT_ONCE", 3)
-        patch.setattr(making, "GROUP_BYTES", 20_000)
+        patch.setattr(listing, "GROUP_BYTES", 20_000)
         folder = build(tmp_path).folder
     whole, divided = Manifest.read(small_dataset.folder), Manifest.read(folder)
     for one, other in zip(whole.shards, divided.shards, strict=True):

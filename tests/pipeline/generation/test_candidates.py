@@ -16,13 +16,9 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS, Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
+from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS
+from labyrinth_core.world import Structure
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
 from pipeline.generation.structures import sample
@@ -80,7 +76,7 @@ def test_structures_are_unpacked_as_they_were_packed(
     make_run: Callable[..., Run], seed: int, height: int, width: int
 ) -> None:
     config = make_run(Path("nowhere"), size=f"{height}x{width}", labyrinths=1).dataset
-    drawn = sample_structures(height, width, np.random.default_rng(seed))
+    drawn = Structure.sample(height, width, np.random.default_rng(seed))
     structures = [*islice(drawn, 3), Structure.without_walls(height, width)]
     records = pack(config, [(each, UNFIT) for each in structures])
     assert list(unpack(config, records)) == structures

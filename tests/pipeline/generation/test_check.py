@@ -29,10 +29,7 @@ from support.tampering import (
 )
 
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Solver, Structure, Task
 from pipeline.generation import check as validation
 
 Build = Callable[..., Run]

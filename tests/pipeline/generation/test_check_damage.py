@@ -26,12 +26,10 @@ from support.tampering import (
     rows_of,
 )
 
-from labyrinth_core.data import rows as reading
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS
+from labyrinth_core.data import manifest as listing
 from labyrinth_core.language.text import dump
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Structure
 from pipeline.generation import check as checking
 
 # A file that is not read, as its footer shows that it is not ours.
@@ -42,7 +40,7 @@ def test_a_file_that_may_be_huge_is_not_read(
     folder: Path, monkeypatch: pytest.MonkeyPatch, wrong: str
 ) -> None:
     if wrong == "groups":
-        monkeypatch.setattr(reading, "MOST_ROWS", 5)
+        monkeypatch.setattr(listing, "MOST_ROWS", 5)
         expected = "a row group has "
     else:
         expected = "rows "

@@ -16,10 +16,10 @@ import pytest
 from support.making import Run
 from support.tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest, table_file
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import TABLE_COLUMNS, Manifest
+from labyrinth_core.data.table import table_file
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import File
 
 pytestmark = pytest.mark.slow
 

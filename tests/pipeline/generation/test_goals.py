@@ -14,10 +14,9 @@ from support.making import Run
 from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Task
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 
 pytestmark = pytest.mark.slow

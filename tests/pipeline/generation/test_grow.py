@@ -12,8 +12,8 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, manifest_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
 from pipeline.command.dataset import SplitsConfig
 
 Build = Callable[..., Run]

@@ -22,8 +22,8 @@ from support.tampering import (
     manifest_of,
 )
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
 from pipeline.machinery.artifact import leave
 
 Build = Callable[..., Run]

@@ -14,11 +14,8 @@ from support.making import Run
 from support.tampering import problems
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.world import Labyrinth, Solver, State, Task
 from pipeline.command.dataset import DemonstrationsConfig
 from pipeline.inspection.counts import routes_of
 

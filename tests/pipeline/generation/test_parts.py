@@ -11,8 +11,8 @@ import pytest
 from support.making import Run
 from support.tampering import content_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import LocalFile
 from pipeline.config.errors import ConfigError
 
 Build = Callable[..., Run]

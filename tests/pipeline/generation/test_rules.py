@@ -9,11 +9,8 @@ from pathlib import Path
 import pytest
 from support.making import run_of
 
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Action, Task
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Action, Labyrinth, Structure, Task
+from pipeline.generation.labyrinths import Solution
 from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 
@@ -67,5 +64,5 @@ def test_a_route_that_breaks_a_rule_is_named(
     tmp_path: Path, actions: list[int], solutions: str, messages: list[str]
 ) -> None:
     config = run_of(tmp_path, solutions=solutions).dataset
-    found = Solution([replay(OPEN, actions)], (4, 6))
+    found = Solution([OPEN.replay(actions)], (4, 6))
     assert list(route_problems(config, "train", found)) == messages

@@ -14,8 +14,7 @@ from typing import Any
 import pytest
 from support.making import Run
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
 from pipeline.command.dataset import DemonstrationsConfig
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(

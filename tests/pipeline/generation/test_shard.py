@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.making import Run
 
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import COLUMNS
+from labyrinth_core.storage import File
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation.shard import Fingerprint, Row, ShardJob, finished

@@ -17,15 +17,9 @@ from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Look, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
@@ -378,7 +372,7 @@ def test_a_search_for_the_structures_of_a_shift_shows_a_bar(
 
 def test_structures_are_stretched_with_as_many_loops_as_before() -> None:
     rng = np.random.default_rng(0)
-    grid = next(sample_structures(4, 4, rng, open_walls=0.3))
+    grid = next(Structure.sample(4, 4, rng, open_walls=0.3))
 
     def moves(structure: Structure) -> int:
         return structure.distances(0)[15]

@@ -19,11 +19,8 @@ from support.brute_force import (
 )
 from support.making import Run
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.drawing import Drawing
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.world.sampling import ALGORITHMS, sample_structures
-from labyrinth_core.world.structure import BUCKETS, Structure
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
+from labyrinth_core.world import ALGORITHMS, BUCKETS, Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.generation.candidates import unpack
@@ -83,7 +80,7 @@ def test_a_mirror_image_that_keeps_start_and_goal_has_the_same_split(
     seed: int, height: int, width: int, algorithm: str
 ) -> None:
     rng = np.random.default_rng(seed)
-    structure = next(sample_structures(height, width, rng, algorithm=algorithm))
+    structure = next(Structure.sample(height, width, rng, algorithm=algorithm))
     for buckets in (BUCKETS, (80, 10, 10), (1, 1, 98)):
         assert structure.transposed().split(buckets) == structure.split(buckets)
 
@@ -101,7 +98,7 @@ def test_with_varied_goals_all_images_of_a_structure_of_any_shape_share_one_spli
 @pytest.mark.slow
 def test_splits_have_their_share_of_all_structures(connected_3x3: list[Structure]) -> None:
     rng = np.random.default_rng(0)
-    structures = [s for s, _ in zip(sample_structures(6, 6, rng), range(4_000), strict=False)]
+    structures = [s for s, _ in zip(Structure.sample(6, 6, rng), range(4_000), strict=False)]
     for buckets in (BUCKETS, (80, 15, 5)):
         counts = Counter(structure.split(buckets) for structure in structures)
         for split, percent in zip(SPLITS.sampled, buckets, strict=True):

@@ -24,16 +24,11 @@ from support.brute_force import (
 from support.making import Run
 from support.tampering import Rows, read_rows
 
-from labyrinth_core.data.drawing import Solution
-from labyrinth_core.data.format import TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.generation import table
+from pipeline.generation.labyrinths import Solution
 
 pytestmark = pytest.mark.slow
 
@@ -119,7 +114,7 @@ def test_routes_more_than_fit_are_as_many_as_fit(small_dataset: Run) -> None:
     moves, routes = Solver(labyrinth).moves_and_routes()
     assert (moves, routes) == (78, comb(78, 39))
     content = table.Content(small_dataset.dataset, "train")
-    episode = replay(labyrinth, [0] * 39 + [1] * 39)
+    episode = labyrinth.replay([0] * 39 + [1] * 39)
     content.add(dump(labyrinth), Solution([episode], (moves, routes)), None)
     (fact,) = content.facts()
     assert fact["optimal_routes"] == table.MOST_ROUTES

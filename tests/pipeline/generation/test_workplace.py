@@ -16,9 +16,9 @@ from support.interrupting import CrashError, before_each_shard, crash
 from support.making import Run
 from support.tampering import content_of, identities
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import LocalFile
 
 Build = Callable[..., Run]
 

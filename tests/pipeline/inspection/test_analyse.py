@@ -9,8 +9,7 @@ import pytest
 from support.making import perform
 from support.planting import labyrinths
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.language.text import labyrinth_id
 
 

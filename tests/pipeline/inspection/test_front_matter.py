@@ -12,9 +12,8 @@ import yaml
 from support.making import Run
 from support.tampering import content_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Manifest
+from labyrinth_core.errors import DatasetError
 from pipeline.inspection import front_matter
 
 Build = Callable[..., Run]

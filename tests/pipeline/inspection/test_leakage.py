@@ -10,10 +10,7 @@ import pytest
 from support.brute_force import all_structures
 
 from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.inspection import leakage
 from pipeline.inspection.leakage import find_leakage
 
@@ -31,7 +28,7 @@ def from_corner_to_corner(structures, seed):
 
 
 def drawn(size, count, seed):
-    found = dict.fromkeys(islice(sample_structures(*size, np.random.default_rng(seed)), count))
+    found = dict.fromkeys(islice(Structure.sample(*size, np.random.default_rng(seed)), count))
     rng = np.random.default_rng(seed)
     return [list(found)[place] for place in rng.permutation(len(found))]
 

@@ -10,13 +10,9 @@ import pytest
 from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.inspection.analyse import read_contents
 from pipeline.inspection.counts import Content
 from pipeline.inspection.shift import MEASURES, compare
@@ -42,7 +38,7 @@ def rows_of(dataset, split):
     for group in chain.from_iterable(file.episodes() for file in Dataset.at(dataset).files(split)):
         for text, actions, _ in group.each():
             labyrinth = parse(text)
-            cells = [state.agent for state in replay(labyrinth, actions).states]
+            cells = [state.agent for state in labyrinth.replay(actions).states]
             rows += [(labyrinth, *row) for row in zip([*actions, -1], cells, strict=True)]
     return rows
 
@@ -111,7 +107,7 @@ def content_of(structures):
     routes = [Solver(labyrinth).shortest_routes()[0] for labyrinth in labyrinths]
     visits = np.zeros((len(labyrinths), 25), np.int64)
     for number, (labyrinth, route) in enumerate(zip(labyrinths, routes, strict=True)):
-        for state in replay(labyrinth, route).states:
+        for state in labyrinth.replay(route).states:
             visits[number, state.agent] += 1
     actions = np.array([np.bincount(route, minlength=4) for route in routes])
     moves = np.array(list(map(len, routes)))
@@ -120,7 +116,7 @@ def content_of(structures):
 
 def drawn(count, seed, open_walls):
     rng = np.random.default_rng(seed)
-    structures = sample_structures(5, 5, rng, open_walls=open_walls)
+    structures = Structure.sample(5, 5, rng, open_walls=open_walls)
     return content_of([next(structures) for _ in range(count)])
 
 

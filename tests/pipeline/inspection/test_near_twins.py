@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from labyrinth_core.world.sampling import sample_structures
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure
 from pipeline.inspection import near_twins
 from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
 
@@ -18,7 +17,7 @@ from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nea
 def draw(height: int, width: int, count: int, seed: int = 0) -> list[Structure]:
     """Return different structures, with many walls open here and there, so that some are near."""
     rng = np.random.default_rng(seed)
-    drawn = sample_structures(height, width, rng, open_walls=rng.uniform(0, 0.5))
+    drawn = Structure.sample(height, width, rng, open_walls=rng.uniform(0, 0.5))
     return list(dict.fromkeys(islice(drawn, count)))
 
 

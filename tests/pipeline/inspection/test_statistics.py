@@ -10,15 +10,10 @@ from support.making import make
 from support.planting import DEFAULT, OTHER, labyrinths, plant, rows, shard, transposed, write
 from support.tampering import cut_short
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import dump, parse
-from labyrinth_core.world.dynamics import replay
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Labyrinth, Solver
 from pipeline.inspection.statistics import count_dataset
 
 pytestmark = pytest.mark.slow
@@ -36,7 +31,7 @@ def episodes(folder, split):
             found.append((row["info"], []))
         found[-1][1].append(row)
     return [
-        (parse(info), replay(parse(info), [row["actions"] for row in of[:-1]]), of)
+        (parse(info), parse(info).replay([row["actions"] for row in of[:-1]]), of)
         for info, of in found
     ]
 

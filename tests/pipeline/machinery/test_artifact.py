@@ -20,17 +20,18 @@ from support.crashing import CrashError, killed_before
 from support.renaming import ERRORS, no_folder_is_renamed
 from support.tampering import content_of
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import (
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.language.collection import is_litter
+from labyrinth_core.storage import (
     AnyPath,
     File,
     LocalFile,
     RemotePath,
     folder_at,
 )
-from labyrinth_core.language.collection import is_litter
 from pipeline.machinery import artifact
-from pipeline.machinery.artifact import HASHES, Sums, leave, produced
+from pipeline.machinery.artifact import Ownership, leave, produced
+from pipeline.machinery.sums import HASHES, Sums
 
 FILES = {"a": b"1", "deep/b": b"2"}
 
@@ -303,11 +304,11 @@ def test_in_a_store_a_crash_at_any_change_is_mended_by_the_same_call(old_key: in
 
 def test_what_was_left_may_be_replaced_and_removed(tmp_path: Path) -> None:
     leave(tmp_path, {"page": b"1", "chart": b"1"})
-    sums = Sums.read(tmp_path).replace({"page": b"2"}, gone=["chart"])
+    sums = Ownership(Sums.read(tmp_path)).replace({"page": b"2"}, gone=["chart"])
     sums.write()
     assert made(tmp_path) == {"page": b"2"}
     assert Sums.read(tmp_path) == sums
-    assert sums.others({"page": b"3", "chart": b"3"}) == []
+    assert Ownership(sums).others({"page": b"3", "chart": b"3"}) == []
 
 
 def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path) -> None:
@@ -317,12 +318,12 @@ def test_what_a_person_made_or_changed_is_told_and_never_removed(tmp_path: Path)
     (tmp_path / "folder").mkdir()
     new = dict.fromkeys(["page", "chart", "photo", "folder", "table", "more"], b"2")
     sums = Sums.read(tmp_path)
-    assert sums.others(new) == ["chart", "photo", "folder"]
+    assert Ownership(sums).others(new) == ["chart", "photo", "folder"]
     with pytest.raises(
         DatasetError, match=r"\A[^\n]*chart, [^\n]*photo, [^\n]*folder: made or changed by"
     ):
         leave(tmp_path, new)
-    sums.replace({"page": b"2"}, gone=["chart", "table"]).write()
+    Ownership(sums).replace({"page": b"2"}, gone=["chart", "table"]).write()
     assert made(tmp_path) == {"page": b"2", "chart": b"mine", "photo": b"mine"}
     leave(tmp_path, {"table": b"1"})
     (tmp_path / "table").write_bytes(b"mine")
@@ -339,8 +340,8 @@ def test_files_that_an_interrupted_run_has_written_are_still_known(
 ) -> None:
     leave(tmp_path, {"page": b"1", "chart": b"1"})
     with pytest.raises(OSError, match="page"):
-        Sums.read(tmp_path).replace(dict.fromkeys(names, b"2"))
-    assert Sums.read(tmp_path).others({"page": b"3", "chart": b"3"}) == []
+        Ownership(Sums.read(tmp_path)).replace(dict.fromkeys(names, b"2"))
+    assert Ownership(Sums.read(tmp_path)).others({"page": b"3", "chart": b"3"}) == []
 
 
 def test_a_killed_writer_s_successor_lists_each_file_once_with_its_hash(tmp_path: Path) -> None:
@@ -424,11 +425,11 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, overwrite:
     with pytest.raises(DatasetError, match="deep is a link, and nothing is written through it"):
         leave(folder, {"deep/chart": b"2"}, overwrite=overwrite)
     with pytest.raises(DatasetError, match="deep is a link"):
-        Sums.read(folder).replace({}, gone=["deep/chart"])
+        Ownership(Sums.read(folder)).replace({}, gone=["deep/chart"])
     leave(folder, {"page": b"2"}, overwrite=overwrite)
     assert (folder / "page").read_bytes() == b"2"
     assert not (folder / "page").is_symlink()
-    Sums.read(folder).replace({}, gone=["page"]).write()
+    Ownership(Sums.read(folder)).replace({}, gone=["page"]).write()
     assert not (folder / "page").exists()
     assert content_of(elsewhere) == before
 

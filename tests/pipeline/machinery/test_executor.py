@@ -21,9 +21,8 @@ from joblib.externals.loky import get_reusable_executor
 from support.making import Run
 from support.tampering import content_of
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Shard
+from labyrinth_core.data import Dataset, Shard
+from labyrinth_core.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard

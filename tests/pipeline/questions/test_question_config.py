@@ -11,13 +11,13 @@ from support.asking import NAME, SPLITS, TEST, asked, copied
 from support.making import perform
 from support.tampering import content_of
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Manifest
 from labyrinth_core.data.load import load_transitions
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.storage import File
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.language.text import parse
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.questions import QUESTION_COLUMNS
+from labyrinth_core.storage import File
+from labyrinth_core.world import Solver
 from pipeline.generation import check
 
 __all__ = ["asked", "copied"]

@@ -24,19 +24,17 @@ from support.composing import composed
 from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.format import COLUMNS, TABLE_COLUMNS
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS, is_of_train
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
+from labyrinth_core.data.splits import is_of_train
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE
-from labyrinth_core.world.rules import Look
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
 from pipeline.release.repository import listed as files_of

@@ -12,7 +12,7 @@ from support.making import Run
 from support.s3_server import bucket, content_of, memory, server
 from support.tampering import linked
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.release import card
 from pipeline.release.texts import Release
 

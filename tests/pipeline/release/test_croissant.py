@@ -13,9 +13,8 @@ import pytest
 from PIL import Image
 from support.planting import DEFAULT, OTHER
 
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.data.storage import File
+from labyrinth_core.data import SPLITS, Manifest
+from labyrinth_core.storage import File
 from pipeline.release import card
 from pipeline.release.texts import Release
 

@@ -25,7 +25,7 @@ from support.publishing import (
     run_script,
 )
 
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS
 from pipeline.release.faults import reasons
 
 pytestmark = pytest.mark.slow

@@ -28,12 +28,11 @@ from support.publishing import (
 from support.submitted import of_few
 
 from labyrinth_core import evaluate, load_policy, memorised
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
-from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import Results
 from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release.model import stage_policy
 from pipeline.release.options import PublishOptions
 from pipeline.training import train
@@ -47,7 +46,7 @@ import json, sys
 import torch
 from support.policies import Remembering
 from labyrinth_core import evaluate, load_policy
-from labyrinth_core.evaluation.description import Description
+from labyrinth_core.evaluation import Description
 from pipeline.evaluation.named import opened
 
 torch.set_num_threads(1)
@@ -274,7 +273,7 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
     assert settings.endswith(r"`a=<b>\|`, b=\`\<img src=x\> \#\# Mine\`")
-    assert Scores.WHY_SPL in card
+    assert Results.WHY_SPL in card
     assert "| split | holds | labyrinths | SPL | SR in n x n | SR | 95% |" in card
 
 

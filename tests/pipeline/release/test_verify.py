@@ -9,8 +9,8 @@ import pytest
 from support.making import make
 from support.planting import DEFAULT
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import LocalFile
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.release import verify
 

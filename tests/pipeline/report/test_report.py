@@ -15,13 +15,12 @@ from support.reporting import METHOD, analyse, evaluate, evaluate_own
 from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.errors import DatasetError
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report

@@ -18,14 +18,19 @@ from support.reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import memorised
 from labyrinth_core.command.__main__ import main
+from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.language.text import dump
 from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import TILES, LabyrinthError, State, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
+from labyrinth_core.world import (
+    TILES,
+    Labyrinth,
+    LabyrinthError,
+    Solver,
+    State,
+    Task,
+    sample_labyrinth,
+)
 from pipeline.inspection.front_matter import finished
 from pipeline.report.report import write_report
 

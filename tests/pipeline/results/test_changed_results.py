@@ -15,7 +15,8 @@ from support.submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.scores import ACCURACIES
 from pipeline.results import results as stage
-from pipeline.results.kept import Available, read_all
+from pipeline.results.checking import Checks
+from pipeline.results.kept import read_all
 
 TABLES = ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv")
 
@@ -108,13 +109,13 @@ class Board:
         self.path.parent.mkdir(parents=True)
         options = {"run_dir": str(folder / "none"), "results_dir": str(folder)}
         self.run = make_run(source, stages=["results"], **options)
-        self.known = Available(self.run)
+        self.checks = Checks(self.run)
         self.shown = self.show(self.content)
 
     def show(self, content):
         """Return the tables made from the file with some content; None if it is refused."""
         self.path.write_text(json.dumps(content), encoding="utf-8")
-        *_, refused = read_all(self.folder, {}, self.known)
+        *_, refused = read_all(self.checks, self.folder, {})
         if refused:
             assert len(refused) == len(refused[0].splitlines()) == 1
             return None
@@ -154,8 +155,7 @@ def board(small_dataset, make_run, tmp_path_factory, request):
 
 @pytest.mark.slow
 def test_every_changed_field_is_refused_or_changes_nothing_that_is_shown(board, monkeypatch):
-    monkeypatch.setattr(
-        stage, "Available", lambda _: board.known
-    )  # Read once, not for each change.
+    # Read once, not for each change.
+    monkeypatch.setattr(stage, "Checks", lambda _: board.checks)
     for place, other in changes_of(board.content):
         board.check(place, other)

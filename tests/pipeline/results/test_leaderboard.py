@@ -16,11 +16,10 @@ from support.quick_python import python
 from support.submitted import content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core import memorised
-from labyrinth_core.evaluation.description import Description
-from labyrinth_core.evaluation.intervals import interval
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation import Description, Results
+from labyrinth_core.evaluation.scores import Scores, interval
 from pipeline.results import results as stage
-from pipeline.results.entry import Entry, boards, entries_of, figures_of
+from pipeline.results.entry import Entry, boards, entries_of
 from pipeline.results.leaderboard import MARK, leaderboard
 from pipeline.results.results import RefusedError
 
@@ -122,7 +121,7 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
         low, high = interval(Scores.by_labyrinth(scores.weighted)[None])
         cells = f"| {100 * scores.spl:.1f} [{100 * low:.1f}, {100 * high:.1f}] |"
         assert re.search(rf"\| {name} {re.escape(cells)}", text(tmp_path / "results"))
-    assert Scores.WHY_SPL in text(tmp_path / "results")
+    assert Results.WHY_SPL in text(tmp_path / "results")
 
 
 def refused_by(run):
@@ -266,7 +265,7 @@ def entry(results):
     def make(name, spl=None, low=0.0, high=1.0, *, compared=True, **changed):
         about = {"config": "5x5", "fingerprint": "0" * 64, **changed}
         shown = [replace(results["planner"], **about)]
-        figures = figures_of(shown, "test") | {"spl": spl, "spl_low": low, "spl_high": high}
+        figures = Results.over_seeds(shown, "test") | {"spl": spl, "spl_low": low, "spl_high": high}
         held = {} if spl is None else {"test": figures}
         return Entry(shown, Description(name), held, compared)
 

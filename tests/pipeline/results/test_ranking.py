@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.stats import ttest_ind
 
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from pipeline.results.comparison import (
     conclusion,
     differences_of,

@@ -10,9 +10,9 @@ import pytest
 from support.making import perform
 from support.policies import RELEASED
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from pipeline.season.commitment import Place
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import PolicyError
+from pipeline.season.commitment import Layout
 from pipeline.season.options import SeasonOptions
 
 
@@ -51,4 +51,4 @@ class Performer:
 
     @property
     def place(self):
-        return Place(self.folder / "seasons" / "2026-a")
+        return Layout(self.folder / "seasons" / "2026-a")

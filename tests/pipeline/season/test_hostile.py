@@ -16,12 +16,12 @@ from seasons import Performer
 from support.graphs import linear
 from support.policies import RELEASED, lay_out_run
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.evaluation.answers import PolicyError
-from labyrinth_core.policies.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import PolicyError
+from labyrinth_core.learning.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from pipeline.config.errors import ConfigError
 from pipeline.season import judge, submission
-from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Place, Season
+from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Layout, Season
 from pipeline.season.submission import fetched
 
 
@@ -141,7 +141,7 @@ def _in(content, name, **values):
 def test_a_season_with_impossible_fields_is_refused_before_anything_is_made(
     hidden, tmp_path, change, message
 ):
-    place = Place(tmp_path / "2026-a")
+    place = Layout(tmp_path / "2026-a")
     shutil.copytree(hidden.place.public, place.public)
     edit(place.season, change)
     with pytest.raises(DatasetError) as refused:
@@ -151,7 +151,7 @@ def test_a_season_with_impossible_fields_is_refused_before_anything_is_made(
 
 
 def test_files_without_end_and_large_ones_are_not_read(hidden, tmp_path):
-    place = Place(tmp_path / "2026-a")
+    place = Layout(tmp_path / "2026-a")
     shutil.copytree(hidden.place.public, place.public)
     for path in (place.season, place.judged):
         content = path.read_bytes()

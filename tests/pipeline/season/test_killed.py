@@ -18,7 +18,7 @@ from seasons import Performer
 from support.crashing import killed_before
 from support.graphs import endless
 
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.season.commitment import Season
 from pipeline.season.files import private_folder
 

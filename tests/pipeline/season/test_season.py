@@ -15,10 +15,10 @@ from seasons import Performer
 from support.policies import RELEASED
 from support.publishing import local_hub, run_script
 
-from labyrinth_core.evaluation.results import Results
+from labyrinth_core.evaluation import Results
 from pipeline.config.errors import ConfigError
 from pipeline.generation import build
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.season import judge
 from pipeline.season.commitment import Season, seed_of, without_seed
 

@@ -12,11 +12,11 @@ import torch
 from safetensors import safe_open
 from support.learning import settings_of
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.methods import bc
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
-from pipeline.training.methods import bc
 
 pytestmark = pytest.mark.slow
 

@@ -14,22 +14,21 @@ import torch
 from support.learning import equal_weights
 from support.making import Run
 
-from labyrinth_core.data.datasets import Dataset
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data import SPLITS, Dataset
+from labyrinth_core.evaluation import Results
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.evaluation.results import Results
 from labyrinth_core.learning.fresh import FreshLabyrinths
 from labyrinth_core.learning.learner import Learner, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.world.structure import Structure
+from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 VECTORS = ObservationSpec("vector", 64)
 

@@ -14,9 +14,9 @@ import torch
 from support.learning import settings_of
 
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import bc
 from pipeline.config.errors import ConfigError
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.methods import bc
 from pipeline.training.record import CHECKPOINT
 
 

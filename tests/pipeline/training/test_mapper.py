@@ -16,26 +16,20 @@ from numpy.typing import NDArray
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.evaluation.answers import Player
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import attempts, step_through
+from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import mapper
+from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
+from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
+from labyrinth_core.learning.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
-from labyrinth_core.policies.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.policies.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.policies.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import State, Task
-from labyrinth_core.world.solver import Solver
-from labyrinth_core.world.tasks import sample_labyrinth
-from pipeline.config.errors import ConfigError
+from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
-from pipeline.training.methods import mapper
 
 pytestmark = pytest.mark.slow
 
@@ -102,10 +96,8 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
         each.states[-1].agent == each.labyrinth.goal
         and len(each.actions)
         == len(Solver(each.labyrinth).shortest_route(np.random.default_rng(0)))
-        for each in attempts(
-            Player.of(policy, 0),
-            LabyrinthArrays.of_labyrinths(labyrinths, drawing),
-            range(len(labyrinths)),
+        for each in Player.of(policy).attempts(
+            LabyrinthArrays.of_labyrinths(labyrinths, drawing), range(len(labyrinths))
         )
     ]
     return float(np.mean(won))
@@ -255,7 +247,7 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
         player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
         saying, asked = counted(player)
         silent, asked_of_silent = counted(replace(player, remembered=None))
-        early, late = (step_through(each, arrays, 1) for each in (saying, silent))
+        early, late = (each.step_through(arrays, 1) for each in (saying, silent))
         assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters
@@ -273,5 +265,5 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
 @pytest.mark.parametrize("task", [task for task in Task if task is not Task.NAVIGATION])
 def test_other_tasks_are_refused(task: Task) -> None:
     spec = NetworkSpec("mapper", 3, 3, str(task))
-    with pytest.raises(ConfigError, match=f"^task={task}: method=mapper supports only"):
+    with pytest.raises(PolicyError, match=f"^task={task}: method=mapper supports only"):
         mapper.Method.make(spec, settings_of("mapper"))

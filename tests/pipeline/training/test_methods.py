@@ -12,14 +12,14 @@ import torch
 from support.learning import equal_weights, states_seen_by
 from torch import nn
 
-from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.evaluation import Player
 from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.observations import Observations
 from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures.looks import Looks
-from labyrinth_core.policies.networks.acting import NetworkPolicy
 from pipeline.config.training import METHODS
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 pytestmark = pytest.mark.slow
 
@@ -74,7 +74,7 @@ def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Probl
     actions = policy(arrays.observations).argmax(1)
     right = arrays.optimal[np.arange(len(actions)), actions][there].mean()
     assert right > 2 * arrays.optimal[there].mean()
-    assert success_rate(policy, arrays) > 0.5
+    assert Player.of(policy).success_rate(arrays) > 0.5
 
 
 @pytest.mark.parametrize("name", [*TOYS, *OTHERS])

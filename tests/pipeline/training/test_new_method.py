@@ -15,11 +15,11 @@ from support.making import Run
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.methods.method import find
+from pipeline.training.method import find
 
 pytestmark = pytest.mark.slow
 
@@ -108,7 +108,7 @@ def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
     module(
         "ours",
         f"{BEGIN}from torch import nn\n"
-        "from labyrinth_core.policies.networks.network import as_input\n"
+        "from labyrinth_core.learning.networks.network import as_input\n"
         "class Small(nn.Module):\n"
         "    def __init__(self):\n"
         "        super().__init__()\n"
@@ -129,7 +129,7 @@ def test_a_method_may_do_without_settings_and_have_a_network_of_its_own(
 def test_a_run_of_other_code_is_not_taken_for_the_run(
     module: Callable[[str, str], None], run_of: Callable[..., Run]
 ) -> None:
-    text = "from pipeline.training.methods import sqil\nclass Mine(sqil.Method):\n    pass\n"
+    text = "from labyrinth_core.learning.methods import sqil\nclass Mine(sqil.Method):\n    pass\n"
     module("ours", text)
     settings = {"updates": 1}  # Those of the method that it inherits from.
     train.run(run_of("ours:Mine", settings=settings))

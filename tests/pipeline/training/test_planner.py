@@ -16,21 +16,18 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays, load_arrays
-from labyrinth_core.evaluation.playing import success_rate
+from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
+from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import bc, planner
+from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning.networks.planning import FAR, Bellman
+from labyrinth_core.learning.spec import WEIGHTS, NetworkSpec
 from labyrinth_core.pictures.observations import ObservationSpec
 from labyrinth_core.pictures.renderer import render
-from labyrinth_core.policies.networks.acting import NetworkPolicy
-from labyrinth_core.policies.networks.planning import FAR, Bellman
 from labyrinth_core.policies.record import read_run
-from labyrinth_core.policies.spec import WEIGHTS, NetworkSpec
-from labyrinth_core.world.labyrinth import Labyrinth
-from labyrinth_core.world.rules import Look, State
-from labyrinth_core.world.sampling import sample_structures
-from pipeline.config.errors import ConfigError
+from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.training.checkpoint import read_policy
-from pipeline.training.methods import bc, planner
 
 pytestmark = pytest.mark.slow
 
@@ -137,7 +134,7 @@ def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Ru
     for _ in range(learner.settings.epochs):
         learner.epoch()
     held_out = load_arrays(small_dataset.data_dir, "3x3", "test")
-    assert success_rate(NetworkPolicy(learner.policy), held_out) >= 0.75
+    assert Player.of(NetworkPolicy(learner.policy)).success_rate(held_out) >= 0.75
 
 
 def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_in_numbers() -> None:
@@ -147,12 +144,14 @@ def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_i
     spec = NetworkSpec("planner", 5, 5, "navigation")
     make = partial(planner.Method.make, settings=settings)
     policy = read_policy(RELEASED / WEIGHTS, spec, make=make)
-    structures = sample_structures(
+    structures = Structure.sample(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )
     labyrinths = [Labyrinth(structure, 0, 24) for structure in islice(structures, 20)]
     pictures = ObservationSpec("image", 64, draw=True)
-    assert success_rate(policy, LabyrinthArrays.of_labyrinths(labyrinths, pictures)) >= 0.9
+    assert (
+        Player.of(policy).success_rate(LabyrinthArrays.of_labyrinths(labyrinths, pictures)) >= 0.9
+    )
     recoloured = replace(labyrinths[0], look=Look.RECOLOURED)
     assert np.isfinite(policy(np.stack([render(recoloured, State(7), 64)]))).all()
 
@@ -162,10 +161,10 @@ def test_larger_labyrinths_are_shown_in_as_many_pixels_a_cell_and_rectangles_ref
     assert planner.Method.image_size(spec, settings, 5, 5) == 64
     assert planner.Method.image_size(spec, settings, 10, 10) == 128
     refused = r"\Asize=4x6: method\.grid_prior=true needs as many rows .*method.grid_prior=false\Z"
-    with pytest.raises(ConfigError, match=refused):
+    with pytest.raises(PolicyError, match=refused):
         planner.Method.image_size(spec, settings, 4, 6)
     oblong = NetworkSpec("planner", 4, 6, "navigation")
-    with pytest.raises(ConfigError, match=refused):
+    with pytest.raises(PolicyError, match=refused):
         planner.Method.make(oblong, settings)
     freely = settings_of("planner", grid_prior=False, colour_prior=False)
     assert planner.Method.image_size(spec, freely, 4, 6) == 77

@@ -9,10 +9,10 @@ import pytest
 import torch
 from safetensors.torch import save_file
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.policies.networks.acting import BATCH, NetworkPolicy, outputs_of
-from labyrinth_core.policies.networks.network import Network
-from labyrinth_core.policies.spec import NetworkSpec
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
+from labyrinth_core.learning.networks.network import Network
+from labyrinth_core.learning.spec import NetworkSpec
 from pipeline.training.checkpoint import read_policy, save_policy
 
 pytestmark = pytest.mark.slow

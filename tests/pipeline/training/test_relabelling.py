@@ -13,16 +13,16 @@ import pytest
 from support.learning import settings_of
 from support.making import Run
 
-from labyrinth_core.data.datasets import Dataset
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.world.dynamics import Episode, replay
-from labyrinth_core.world.rules import Task
+from labyrinth_core.world import Episode, Task
 from pipeline.command.dataset import DemonstrationsConfig
-from pipeline.config.errors import ConfigError
-from pipeline.training.methods import bc, planner
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +59,7 @@ def is_episode(episode: Episode, first: int, last: int) -> bool:
     ends = [episode.states[place].agent for place in (first, last)]
     try:
         labyrinth = replace(episode.labyrinth, start=ends[0], goal=ends[1])
-        part = replay(labyrinth, episode.actions[first:last].tolist())
+        part = labyrinth.replay(episode.actions[first:last].tolist())
     except ValueError:
         return False
     return part.states == episode.states[first : last + 1]
@@ -83,7 +83,7 @@ def test_all_parts_of_a_route_are_found_and_counted_without_being_held(
 def test_vectors_are_not_transformed_as_pictures(
     problem_of: Callable[..., Problem], name: str
 ) -> None:
-    with pytest.raises(ConfigError, match=f"method.{name} transforms pictures: leave it out with"):
+    with pytest.raises(PolicyError, match=f"method.{name} transforms pictures: leave it out with"):
         bc.Method(problem_of(encoder="mlp"), settings_of("bc", **{name: True}))
 
 
@@ -99,7 +99,7 @@ def test_routes_that_are_not_shortest_are_not_relabelled(
     longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
     problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
     words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
-    with pytest.raises(ConfigError, match=words):
+    with pytest.raises(DatasetError, match=words):
         method.Method(problem, settings_of(name, relabel=True))
     method.Method(problem, settings_of(name, relabel=False))
 

@@ -18,13 +18,14 @@ from support.crashing import killed_before
 from support.making import Run
 from support.quick_python import python
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.storage import File
-from labyrinth_core.policies.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning.methods import bc
+from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import HASHES, leave
+from pipeline.machinery.artifact import leave
+from pipeline.machinery.sums import HASHES
 from pipeline.training import record, train
-from pipeline.training.methods import bc
 from pipeline.training.record import CURVES
 
 pytestmark = pytest.mark.slow

@@ -16,15 +16,15 @@ import pytest
 import torch
 from support.making import Run
 
-from labyrinth_core.data.errors import DatasetError
-from labyrinth_core.data.manifest import Manifest
+from labyrinth_core.data import Manifest
+from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning.methods import bc
+from labyrinth_core.learning.spec import CONFIG, WEIGHTS
 from labyrinth_core.pictures import looks
-from labyrinth_core.policies.spec import CONFIG, WEIGHTS
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.training import train
-from pipeline.training.methods import bc
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
 
 pytestmark = pytest.mark.slow

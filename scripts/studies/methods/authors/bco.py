@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.networks.network import WIDTH, Network, as_input
+from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import softmax
-from labyrinth_core.policies.networks.network import WIDTH, Network, as_input
-from labyrinth_core.policies.spec import NetworkSpec
 
 from .learner import AuthorsLearner, Settings, try_out
 

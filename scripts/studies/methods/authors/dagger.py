@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from labyrinth_core.learning.learner import setting
-from labyrinth_core.world.solver import Solver
+from labyrinth_core.world import Solver
 
 from . import bc, learner
 

@@ -13,8 +13,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.learning.learner import Problem
-from labyrinth_core.policies.networks.adversarial import Discriminator
-from labyrinth_core.policies.networks.network import ACTIONS, as_input
+from labyrinth_core.learning.networks.adversarial import Discriminator
+from labyrinth_core.learning.networks.network import ACTIONS, as_input
 
 from . import bc
 from .learner import Settings

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.optim import Adam
 
+from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.evaluation.answers import Policy
-from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.evaluation.playing import Episodes, play
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.playing import play
+from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.networks.acting import BATCH
+from labyrinth_core.learning.networks.network import ACTIONS
 from labyrinth_core.learning.observations import parts_of
 from labyrinth_core.learning.steps import Steps, draw
-from labyrinth_core.policies.networks.acting import BATCH
-from labyrinth_core.policies.networks.network import ACTIONS
 
 VISITS = 5
 """An episode is cut when the agent returns to a state in which it has acted this many times."""
@@ -138,4 +138,15 @@ def try_out(
         taken.append(np.stack([here, actions, arrays.next_state[here, actions]], axis=1))
         return actions
 
-    return play(arrays, choose, visits=visits), np.concatenate(taken)
+    begun = np.bincount(arrays.initial, minlength=len(arrays.terminal))
+
+    def first_seen(
+        step: int,
+        running: NDArray[np.int64],  # noqa: ARG001
+        states: NDArray[np.int64],
+    ) -> NDArray[np.int64]:
+        seen = begun[states] >= (np.inf if visits is None else visits)
+        begun[states] += 1
+        return np.where(seen, 0, step)
+
+    return play(arrays, choose, first_seen=first_seen), np.concatenate(taken)

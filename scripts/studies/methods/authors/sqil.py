@@ -31,8 +31,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.networks.acting import outputs_of
 from labyrinth_core.learning.steps import draw, roll_out, softmax
-from labyrinth_core.policies.networks.acting import outputs_of
 
 from . import learner
 from .learner import AuthorsLearner, rows_of

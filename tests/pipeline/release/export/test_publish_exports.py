@@ -24,7 +24,7 @@ from support.publishing import (
     run_script,
 )
 
-from labyrinth_core.data.errors import DatasetError
+from labyrinth_core.errors import DatasetError
 from pipeline.config.errors import ConfigError
 from pipeline.config.export import ExportOptions
 from pipeline.release.derived import stage_export

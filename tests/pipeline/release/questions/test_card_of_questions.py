@@ -11,7 +11,7 @@ import yaml
 from support.asking import NAME, OPTIONS, SHIFTS, SPLITS, TEST, asked, copied
 from support.making import perform
 
-from labyrinth_core.evaluation.questions import QUESTION_COLUMNS
+from labyrinth_core.questions import QUESTION_COLUMNS
 from pipeline.release import card
 from pipeline.release.verify import verify
 

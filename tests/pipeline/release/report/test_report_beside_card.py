@@ -7,7 +7,7 @@ import shutil
 import pytest
 from support.tampering import content_of
 
-from pipeline.machinery.artifact import HASHES
+from pipeline.machinery.sums import HASHES
 from pipeline.release.card import write_card
 from pipeline.release.repository import listed
 from pipeline.report.report import write_report

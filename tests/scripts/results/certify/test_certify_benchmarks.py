@@ -11,7 +11,7 @@ import pytest
 import report_benchmarks as report
 from environments.generated import TEST, map_of
 
-from labyrinth_core.data.storage import File
+from labyrinth_core.storage import File
 
 KEPT = sorted(study.KEPT.glob("*.json"))
 
