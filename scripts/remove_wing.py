@@ -31,7 +31,8 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 
 WINGS = ("certify", "export", "questions", "release", "report", "results", "season")
-"""The folders of `pipeline/` that can be removed, each with the folders of tests of its name."""
+"""The folders of `pipeline/` that can be removed, each with the folders of its name in
+`tests/pipeline/` and `tests/scripts/`."""
 
 LIBRARY_OF_WINGS = {"certify": "benchmarks"}
 """Wing -> the folder of the library that no other room uses, and that goes with it."""
@@ -81,10 +82,11 @@ def files_of(root: Path, wing: str) -> Iterator[Path]:
     library = LIBRARY_OF_WINGS.get(wing, "")
     paths = [root / "pipeline" / wing, root / "conf" / wing]
     if library:
-        paths += [root / "labyrinth_core" / library, root / f"docs/reference/{library}.md"]
+        paths += [root / "labyrinth_core" / library, root / "tests/labyrinth_core" / library]
+        paths.append(root / f"docs/reference/{library}.md")
+    for tests in ("pipeline", "scripts"):
+        paths += [path for path in root.glob(f"tests/{tests}/**/{wing}") if path.is_dir()]
     yield from (path for path in paths if path.exists())
-    for name in filter(None, (wing, library)):
-        yield from (path for path in root.glob(f"tests/**/{name}") if path.is_dir())
     for module, wings in TESTS_OF_WINGS.items():
         if wing in wings:
             yield root / f"{module.replace('.', '/')}.py"

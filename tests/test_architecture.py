@@ -452,8 +452,10 @@ def wings_of_tests(root: Path) -> Iterator[tuple[str, set[str], set[str]]]:
         for each in imports_of(name, path, modules):
             used |= TESTS_OF_WINGS.get(f"tests.{each.imported}", set())
             used |= {wing for wing in WINGS if within(each.imported, *rooms_of(wing))}
-        folders = {*name.split(".")[:-1]}
-        own = {wing for wing in WINGS if folders & {wing, LIBRARY_OF_WINGS.get(wing)}}
+        folders = name.split(".")[1:-1]
+        of_library = "labyrinth_core" in folders
+        names = {LIBRARY_OF_WINGS.get(wing) if of_library else wing: wing for wing in WINGS}
+        own = {names[folder] for folder in folders if folder in names}
         yield name, TESTS_OF_WINGS.get(name, own), used
 
 
