@@ -25,7 +25,7 @@ from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.policies import graph_process
 from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world import Action
 
 SECONDS = float(graph_process.SECONDS)
 """The maximum seconds for loading a graph, and for answering a batch of observations."""

@@ -8,8 +8,14 @@ from itertools import pairwise
 from typing import NamedTuple
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
-from labyrinth_core.world import Labyrinth, LabyrinthError, Placer, Solver, Structure
-from labyrinth_core.world.dynamics import Episode
+from labyrinth_core.world import (
+    Episode,
+    Labyrinth,
+    LabyrinthError,
+    Placer,
+    Solver,
+    Structure,
+)
 
 
 class Solution(NamedTuple):

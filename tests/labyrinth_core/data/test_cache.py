@@ -11,9 +11,9 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import COLUMNS, SPLITS, Manifest, load
+from labyrinth_core.data import SPLITS, Manifest, load
 from labyrinth_core.data import cache as caching
-from labyrinth_core.data.cache import FRAMES, LIMIT_VARIABLE, SUM, cached
+from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import LocalFile
