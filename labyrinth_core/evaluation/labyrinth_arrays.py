@@ -17,10 +17,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import Dataset, Selection
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.pictures.looks import Looks
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.language import labyrinth_id
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, Looks, ObservationSpec
 from labyrinth_core.world import RULES, Labyrinth, Tables
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_def
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.learning.steps import parts_of
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:

@@ -11,8 +11,8 @@ from math import inf
 from typing import Any, ClassVar, TypedDict, TypeVar
 
 from labyrinth_core import typed
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
 
 KIND = "labyrinth-policy"
@@ -222,7 +222,7 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.pictures.observations import RESIZES
+        from labyrinth_core.pictures import RESIZES
 
         content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")

@@ -25,8 +25,14 @@ from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.folders import held
-from pipeline.season.commitment import MOST_BYTES, Layout, Season, check_rows, dataset
-from pipeline.season.files import require_regular
+from pipeline.season.commitment import (
+    MOST_BYTES,
+    Layout,
+    Season,
+    check_rows,
+    dataset,
+    require_regular,
+)
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
