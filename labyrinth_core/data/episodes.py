@@ -18,9 +18,8 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.many import parse_many
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.observations import ObservationSpec, PictureError
+from labyrinth_core.language import dump, labyrinth_id, parse, parse_many
+from labyrinth_core.pictures import ObservationSpec, PictureError
 from labyrinth_core.world import Labyrinth, Labyrinths, Solver
 
 PARSED_CELLS = 2**16

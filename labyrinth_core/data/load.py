@@ -34,10 +34,7 @@ from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.renderer import style_for
-from labyrinth_core.world import Look
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 
 
 class Transition(NamedTuple):
@@ -273,10 +270,7 @@ def _cached(
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
-        content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
-        if not spec.decodes:
-            content += tuple(style_for(look, 5, 5) for look in Look)
-        name = name_of(part.config.name, split, size, content)
+        name = name_of(part.config.name, split, size, (part.key(), *spec.key))
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:

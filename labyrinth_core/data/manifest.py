@@ -26,11 +26,11 @@ from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.source_text import printable
 from labyrinth_core.storage import (
     AnyPath,
     File,
 )
+from labyrinth_core.terminal import printable
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.learning.spec import ENCODERS, OWN
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option
@@ -98,7 +97,7 @@ def _check_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> None
         "or the environment belongs to, such as user/labyrinth",
     )
     check(
-        not publish.model or options.network in (*ENCODERS, *OWN),
+        not publish.model or options.is_network_known,
         f"publish.model={publish.model}: policies of method={options.method_name} cannot be "
         "published, because load_policy cannot make their network",
     )
