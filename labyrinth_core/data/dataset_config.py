@@ -93,9 +93,11 @@ class DatasetConfig:
                 f"size={size}: {MAX_PICTURED_SIDE} rows and columns at most fit the datasets' "
                 f"pictures of {PICTURE_SIZE} x {PICTURE_SIZE} pixels"
             )
-        for each in fields(self):
-            if "holds" in each.metadata and not each.metadata["holds"](getattr(self, each.name)):
-                raise ValueError(f"{self.given(each.name)}: {each.metadata['allowed']}")
+        for option in fields(self):
+            if "holds" in option.metadata and not option.metadata["holds"](
+                getattr(self, option.name)
+            ):
+                raise ValueError(f"{self.given(option.name)}: {option.metadata['allowed']}")
         if self.noise and self.solutions != "shortest":
             raise ValueError(
                 f"{self.given('noise')}: give solutions=shortest, not {self.solutions}"

@@ -97,11 +97,11 @@ class Dataset(Source):
         Raises:
             DatasetError: The manifest is missing or malformed, or of a dataset of another name.
         """
-        found = cls.__new__(cls)
-        Source.__init__(found, str(folder.parent), folder.name)
-        found.local = folder
-        found.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
-        return found
+        data = cls.__new__(cls)
+        Source.__init__(data, str(folder.parent), folder.name)
+        data.local = folder
+        data.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
+        return data
 
     @staticmethod
     def is_folder(source: str | Path) -> bool:
@@ -313,10 +313,10 @@ class Selection(Query):
         some = Selection(self.dataset, self.split, (*self.steps, Step(None, used)))
         read = enumerate(episodes_in(some, spec))
         needed = {*numbers}
-        found = {number: episode for number, episode in read if number in needed}
-        if len(found) < n:
+        episodes = {number: episode for number, episode in read if number in needed}
+        if len(episodes) < n:
             raise unlike_shards(self.split)
-        return [found[number] for number in numbers]
+        return [episodes[number] for number in numbers]
 
     def stream(
         self,
@@ -402,8 +402,8 @@ class Selection(Query):
     @cached_property
     def _episodes(self) -> NDArray[np.int64]:
         """The number of episodes of each labyrinth."""
-        place = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
-        (counts,) = chosen(*place, self.steps, ["episodes"])
+        table = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
+        (counts,) = chosen(*table, self.steps, ["episodes"])
         if ((counts < 1) | (counts > self.spans[1])).any():
             raise unlike_shards(self.split)
         return counts

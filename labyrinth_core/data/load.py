@@ -136,9 +136,9 @@ class Transitions:
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
             if rows.ndim != 1:  # As for True, None and arrays of two axes.
-                given = " ".join(repr(index).split())
+                shown = " ".join(repr(index).split())
                 raise IndexError(
-                    f"index={given:.60}: give a number, a slice, or one axis of numbers or booleans"
+                    f"index={shown:.60}: give a number, a slice, or one axis of numbers or booleans"
                 )
             return TransitionBatch(
                 self.frames.take(rows, axis=0),
@@ -251,16 +251,16 @@ def transitions_in(
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
     part = query.part()
-    found = None
+    transitions = None
     if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
-        found = _cached(cache_dir, query.split, part, spec)
-    if found is None:
-        found = _in_memory(part, spec)
+        transitions = _cached(cache_dir, query.split, part, spec)
+    if transitions is None:
+        transitions = _in_memory(part, spec)
     if not optimal:
-        return found
+        return transitions
     blocks = part.replayed(pictures=False)
     acting = [block.optimal()[block.acting] for block in blocks]
-    return replace(found, optimal=np.concatenate(acting))
+    return replace(transitions, optimal=np.concatenate(acting))
 
 
 def _cached(

@@ -299,8 +299,8 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
     column, expected = min(wrong, default=(length, "the end of the line"))
     if column == length:
         column = len(line) - len(line[length:].lstrip(" "))
-    found = None if column < len(line) else "the end of the line"
-    source.fail(offset + column, f"in a line of {kind}", expected, found)
+    past_end = None if column < len(line) else "the end of the line"
+    source.fail(offset + column, f"in a line of {kind}", expected, past_end)
 
 
 def _parse_end(source: Source) -> None:

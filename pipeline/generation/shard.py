@@ -36,7 +36,6 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.folders import new_file
 from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
@@ -167,7 +166,7 @@ def finished(job: ShardJob) -> Shard | None:
     if there is not None and there.table_row is not None:
         with suppress(FileNotFoundError):
             if File(there.path).sha256() == there.shard.sha256:
-                with new_file(job.path, job.building) as path:
+                with File(job.path).replacing(job.building) as path:
                     shutil.copyfile(str(there.path), path)
                 shard = replace(there.shard, path=job.path.name)
                 facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
@@ -194,7 +193,7 @@ def make_shard(job: ShardJob) -> Shard:
                 yield from render(job.split, number, info, solution.episodes)
                 content.add(info, solution, parent)
 
-    with new_file(job.path, job.building) as path:
+    with File(job.path).replacing(job.building) as path:
         fingerprint = write(path, parts())
         size, sha256 = path.stat().st_size, File(path).sha256()
         if job.there is not None and job.there.shard.sha256 != sha256:

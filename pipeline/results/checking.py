@@ -13,7 +13,7 @@ from typing import Any
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, KnownDataset, Results, TrainedRun
-from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.policies import PolicyNameError, open_policy
 from labyrinth_core.storage import folder_at
 from pipeline.config.errors import check
 from pipeline.config.stage import Job

@@ -154,7 +154,7 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
         [sys.executable, "-c", JUDGE, str(tmp_path), str(tmp_path / "evil.onnx"), *paths]
     )
     try:
-        graph_of_it = f"graph_process\0{judge.pid}"
+        graph_of_it = f"graph_process.py\0{judge.pid}"
         temporary = tmp_path / "temporary"
         assert waited_for(
             lambda: (
