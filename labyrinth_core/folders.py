@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
 from labyrinth_core.storage import AnyPath, File, LocalFile
 
@@ -46,6 +46,12 @@ class WholeFolder(ABC):
     is_replaced_at_once: ClassVar[bool]
     """Whether the folder that is there stays until the new one is complete."""
 
+    @overload
+    @staticmethod
+    def of(folder: Path, mark: str) -> LocalFolder: ...
+    @overload
+    @staticmethod
+    def of(folder: AnyPath, mark: str) -> WholeFolder: ...
     @staticmethod
     def of(folder: AnyPath, mark: str) -> WholeFolder:
         """Return the folder at a local path or in an object store."""

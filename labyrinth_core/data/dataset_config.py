@@ -66,7 +66,7 @@ class DatasetConfig:
     sampler: str = _one_of(*ALGORITHMS)
     open_walls: float = _option(lambda p: 0 <= p <= 1, "give a probability from 0 to 1")
     buckets: tuple[int, int, int] = _option(
-        lambda shares: min(shares) >= 1 and sum(shares) == 100,
+        lambda shares: len(shares) == 3 and min(shares) >= 1 and sum(shares) == 100,
         "give three percentages of 1 or more that add up to 100",
     )
     """The percentages of all structures that may be in train, validation and test."""
@@ -128,12 +128,7 @@ class DatasetConfig:
     def given(self, name: str) -> str:
         """Return an option as written on the command line, such as `splits.min_walls=2`."""
         value = getattr(self, name)
-        if name == "buckets":
-            return " ".join(
-                f"buckets.{split}={share}"
-                for split, share in zip(SPLITS.sampled, value, strict=True)
-            )
-        shown = f"[{','.join(value)}]" if isinstance(value, tuple) else value
+        shown = f"[{','.join(map(str, value))}]" if isinstance(value, tuple) else value
         return f"{_COMMAND_LINE[name]}={shown}"
 
     def unusual_options(self) -> dict[str, Any]:

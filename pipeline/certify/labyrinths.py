@@ -21,7 +21,7 @@ from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
+from pipeline.machinery.console import say, tracked
 
 
 def certify_labyrinths(
@@ -116,7 +116,8 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
-    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
+    read = tracked(((1, each) for each in streams.items()), "read", len(streams))
+    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in read}
     problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
     return Elsewhere(splits, {}, problems, config)
 

@@ -47,8 +47,8 @@ class Job(Generic[Options]):
     @property
     def source(self) -> str:
         """The dataset that the stage reads, as results name it: a folder, or an id on the Hub."""
-        given = getattr(self.options, "dataset", None)
-        return self.typed_dir if given is None else str(given)
+        named = getattr(self.options, "dataset", None)
+        return self.typed_dir if named is None else str(named)
 
     @property
     def local_dir(self) -> Path:

@@ -25,6 +25,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import dump
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from labyrinth_core.world import Episode, Labyrinth
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import Solution, numbered_labyrinths
@@ -36,7 +37,6 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.versions import build_versions
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -95,8 +95,8 @@ class ShardJob:
     @property
     def key(self) -> str:
         """A hash of everything that determines the bytes of the shard."""
-        given = self.config.to_json()
-        config = {name: given[name] for name in given.keys() - {"labyrinths", "shifts"}}
+        options = self.config.to_json()
+        config = {name: options[name] for name in options.keys() - {"labyrinths", "shifts"}}
         of_all = sorted(config.items()), build_versions()
         parts = of_all, self.split, self.first, self.structures.tobytes()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
@@ -162,14 +162,14 @@ def finished(job: ShardJob) -> Shard | None:
         sidecar = Sidecar.read(job)
         if sidecar.is_of(job) and File(job.path).sha256() == sidecar.shard.sha256:
             return sidecar.shard
-    there = job.there
-    if there is not None and there.table_row is not None:
+    old = job.there
+    if old is not None and old.table_row is not None:
         with suppress(FileNotFoundError):
-            if File(there.path).sha256() == there.shard.sha256:
+            if File(old.path).sha256() == old.shard.sha256:
                 with File(job.path).replacing(job.building) as path:
-                    shutil.copyfile(str(there.path), path)
-                shard = replace(there.shard, path=job.path.name)
-                facts = table_facts(there.path.parent, there.table_row, shard.labyrinths)
+                    shutil.copyfile(str(old.path), path)
+                shard = replace(old.shard, path=job.path.name)
+                facts = table_facts(old.path.parent, old.table_row, shard.labyrinths)
                 Sidecar.of(job, shard, facts).write(job)
                 return shard
     return None
@@ -367,7 +367,7 @@ def rows_table(rows: list[Row]) -> pa.Table:
         array = np.array(values, column.dtype)
         packed = np.packbits(array, bitorder="little") if column.type == "bool" else array
         arrays[column.name] = value_array(schema.field(column.name).type, len(rows), packed)
-    places = {info: place for place, info in enumerate(dict.fromkeys(infos))}
+    places = {info: number for number, info in enumerate(dict.fromkeys(infos))}
     arrays["info"] = pa.DictionaryArray.from_arrays(
         value_array(pa.int32(), len(rows), np.array([places[info] for info in infos], np.int32)),
         text_array(pa.string(), [info.encode() for info in places]),

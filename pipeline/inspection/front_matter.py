@@ -27,7 +27,7 @@ from labyrinth_core.errors import MALFORMED, DatasetError, one_line
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.terminal import printable_line
-from pipeline.inspection.companions import beside, companions
+from pipeline.inspection.companions import Companion
 from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
@@ -60,7 +60,7 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     for folder, manifest in read_from.items():
         # A copy under another name is not a config: its files would not be where the card says.
         if manifest.config.name == folder:
-            found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
+            found = {kind.suffix: kind.of(data_dir, manifest) for kind in Companion.kinds()}
             made = {suffix: each.manifest for suffix, each in found.items() if each is not None}
             manifests.append(replace(manifest, companions=made))
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
@@ -104,9 +104,9 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
-    there = {config["config_name"] for config in wanted["configs"]}
+    listed = {config["config_name"] for config in wanted["configs"]}
     names = [config["config_name"] for config in values.get("configs", [])]
-    if gone := [name for name in names if name not in there]:
+    if gone := [name for name in names if name not in listed]:
         reason = "missing, or about other rows (the stage that made it makes it again)"
         say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
@@ -148,8 +148,8 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{Manifest.TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
         infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
-    for kind in companions():
-        for name, companion in beside(manifests, kind).items():
+    for kind in Companion.kinds():
+        for name, companion in kind.beside(manifests).items():
             add(companion, name, kind.columns, kind.splits(companion.config))
     return {"configs": configs, "dataset_info": infos}
 
@@ -305,7 +305,7 @@ def _are_ours(configs: object) -> bool:
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
-    suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in companions())])
+    suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in Companion.kinds())])
     ours = re.compile(f"(?:{DatasetConfig.NAME.pattern})(-({suffixes}))?", re.ASCII)
     return all(map(ours.fullmatch, names))
 

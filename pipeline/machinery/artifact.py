@@ -75,9 +75,9 @@ class Ownership:
             within(self.sums.folder, *PurePath(name).parent.parts)
         if overwrite:
             return
-        there = self.sums.key
-        if self.sums.hashes and key is not None and (differing := differences(there or {}, key)):
-            what = f"is made with {differing}" if there else "holds files of another stage"
+        old = self.sums.key
+        if self.sums.hashes and key is not None and (differing := differences(old or {}, key)):
+            what = f"is made with {differing}" if old else "holds files of another stage"
             advice = f"{instead}, or give overwrite=true to replace it"
             raise DatasetError(f"{self.sums.folder} {what}: {advice}")
         if others := self.others(files):
@@ -167,8 +167,8 @@ def leave(
             written.
         OSError: The folder cannot be written.
     """
-    place = folder.absolute()
-    with held(place.parent, place.name):
+    path = folder.absolute()
+    with held(path.parent, path.name):
         own = Ownership(Sums.read(folder, overwrite=overwrite))
         own.require_free(files, key, overwrite, instead)
         own.replace(files, key=key).write()
@@ -207,8 +207,8 @@ def produced(
         OSError: The folder cannot be written.
     """
     whole = WholeFolder.of(folder.absolute(), mark)
-    place: Any = whole.folder
-    with held(place.parent, place.name):
+    path: Any = whole.folder
+    with held(path.parent, path.name):
         whole.recover()
         own = Ownership(Sums.read(folder, overwrite=overwrite))
         if own.is_whole(key, ours, overwrite, instead):
@@ -221,11 +221,11 @@ def produced(
         with whole.made() as made:
             yield made
             Sums.of(made, key, names).write()
-            if made == place:
+            if made == path:
                 return
             for name in own.strangers(ours, instead):  # The user may have added more.
                 (made / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(place / name, made / name, follow_symlinks=False)
+                shutil.copy2(path / name, made / name, follow_symlinks=False)
 
 
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
@@ -247,14 +247,14 @@ def _claim(sums: Sums, mark: str, names: Sequence[str]) -> None:
         (sums.folder / name).unlink(missing_ok=True)
 
 
-def differences(there: Key, asked: Key) -> str:
-    """Return how two keys differ, such as `seed=3, not 4`; all of `there` if no name is shared."""
-    if there and not there.keys() & asked.keys():
-        return printable_line("; ".join(f"{name}={value}" for name, value in there.items()))
+def differences(old: Key, asked: Key) -> str:
+    """Return how two keys differ, such as `seed=3, not 4`; all of `old` if no name is shared."""
+    if old and not old.keys() & asked.keys():
+        return printable_line("; ".join(f"{name}={value}" for name, value in old.items()))
     return "; ".join(
-        printable_line(f"{name}={there.get(name)}, not {asked.get(name)}")
-        for name in {**asked, **there}
-        if json.dumps(there.get(name)) != json.dumps(asked.get(name))
+        printable_line(f"{name}={old.get(name)}, not {asked.get(name)}")
+        for name in {**asked, **old}
+        if json.dumps(old.get(name)) != json.dumps(asked.get(name))
     )
 
 

@@ -72,11 +72,11 @@ class Sums:
         key = None
         with suppress(ValueError, RecursionError):
             key = next(map(json.loads, _KEY.findall(text)), None)
-        found = cls(folder, key if isinstance(key, dict) else None, made, left)
-        lines = sorted(found._text(with_hash=False).splitlines())
-        is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
-        if is_whole and text.endswith("\n") and (found.hashes or key):
-            return found
+        sums = cls(folder, key if isinstance(key, dict) else None, made, left)
+        lines = sorted(sums._text(with_hash=False).splitlines())
+        is_whole = text == sums._text() or (sorted(text.splitlines()) == lines)
+        if is_whole and text.endswith("\n") and (sums.hashes or key):
+            return sums
         first = text[: len(_OURS)].strip("\0")
         if not (_OURS.startswith(first) or get_close_matches(first, [_OURS])):
             advice = "move it away, or choose another folder"
@@ -84,7 +84,7 @@ class Sums:
         if not overwrite:
             again = "the stage that made its files makes them again with overwrite=true"
             raise DatasetError(f"{path} is damaged: {again}; or move {folder} away")
-        return replace(found, is_damaged=True)
+        return replace(sums, is_damaged=True)
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:

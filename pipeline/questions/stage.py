@@ -14,6 +14,7 @@ from typing import Any
 from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
@@ -21,7 +22,6 @@ from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 from pipeline.machinery.folders import held
-from pipeline.machinery.versions import build_versions
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 

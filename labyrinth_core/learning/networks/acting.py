@@ -77,7 +77,6 @@ class NetworkPolicy:
 class TrainedPolicy(ABC):
     """A policy with one of the library's networks, ready for `evaluate`."""
 
-    network: nn.Module
     spec: PolicySpec
     """The specification, which says what the policy needs to see."""
     run: TrainedRun | None = None

@@ -28,13 +28,13 @@ from labyrinth_core.language import parse
 from labyrinth_core.pictures import state_pictures
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.storage import LocalFile
+from labyrinth_core.version import build_versions
 from labyrinth_core.world import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation import workplace
 from pipeline.generation.check import validate
 from pipeline.inspection.statistics import count_dataset
-from pipeline.machinery.versions import build_versions
 
 Build = Callable[..., Run]
 
