@@ -97,7 +97,7 @@ def _show(options: Namespace) -> int:
         File(LocalFile(options.gif).target()).write_bytes(_moving_picture(labyrinth))
     if options.png is options.gif is None:
         drawing = draw_text(labyrinth, route=cells)
-        if _in_colour():
+        if sys.stdout.isatty() and not os.environ.get("NO_COLOR"):  # See https://no-color.org.
             tiles = "|".join(f"{re.escape(tile)}+" for tile in COLOURS)
             drawing = re.sub(
                 tiles, lambda run: f"\x1b[{COLOURS[run[0][0]]}m{run[0]}\x1b[0m", drawing
@@ -105,11 +105,6 @@ def _show(options: Namespace) -> int:
         settings, _, _ = dump(labyrinth).partition("-")
         sys.stdout.write(f"{settings}{drawing}end\n")
     return status
-
-
-def _in_colour() -> bool:
-    """Return whether to print colours; see https://no-color.org."""
-    return sys.stdout.isatty() and not os.environ.get("NO_COLOR")
 
 
 def _pictured_side(labyrinth: Labyrinth) -> int:

@@ -156,8 +156,8 @@ def sources_of(
         raise ValueError("give labyrinth or labyrinths, not both")
     if isinstance(labyrinths, LabyrinthLike):
         raise ValueError("labyrinths: give a list, or labyrinth=... for one")
-    given = map(as_labyrinth, labyrinths)
-    sources = [LabyrinthSource.of(size, task, each, split, buckets) for each in given]
+    fixed = map(as_labyrinth, labyrinths)
+    sources = [LabyrinthSource.of(size, task, each, split, buckets) for each in fixed]
     if not sources:
         raise ValueError("labyrinths: give at least one")
     for source in sources:
@@ -289,6 +289,6 @@ def write_plainly(spec: EnvSpec | None, values: Mapping[str, Any], limit: int) -
     if spec is None:
         return None
     plain = copy(spec)
-    given = {name: value for name, value in values.items() if name in spec.kwargs}
-    plain.kwargs, plain.max_episode_steps = spec.kwargs | given, limit
+    written = {name: value for name, value in values.items() if name in spec.kwargs}
+    plain.kwargs, plain.max_episode_steps = spec.kwargs | written, limit
     return plain

@@ -35,7 +35,7 @@ class NextLabyrinths:
         self._normalised = normalised
         self._sampler = BatchSampler(shape.height, shape.width)
         self._stack = Stack(count, *shape)
-        self._there = np.zeros(count, np.bool_)
+        self._ready = np.zeros(count, np.bool_)
         self._left_out = np.zeros(count, np.bool_)
         """Whether this labyrinth cannot be batched and is sampled alone."""
         self._before: list[Any] = [None] * count
@@ -54,49 +54,49 @@ class NextLabyrinths:
     def load(
         self,
         stack: Stack,
-        places: NDArray[np.int64],
+        slots: NDArray[np.int64],
         generator: Callable[[int], np.random.Generator],
     ) -> NDArray[np.int64]:
-        """Load the next labyrinths into some places of a stack.
+        """Load the next labyrinths into some slots of a stack.
 
         Args:
             stack: The stack of the sub-environments.
-            places: The sub-environments that begin an episode.
+            slots: The sub-environments that begin an episode.
             generator: Returns the generator of a sub-environment.
 
         Returns:
-            The places left without a labyrinth; their generators are ready to draw it.
+            The slots left without a labyrinth; their generators are ready to draw it.
         """
-        if not self._there[places].all():
-            empty = np.flatnonzero(~(self._there | self._left_out))
+        if not self._ready[slots].all():
+            empty = np.flatnonzero(~(self._ready | self._left_out))
             if len(empty) >= self._enough:
                 self._draw(empty, generator)
-        there = self._there[places]
-        stack.adopt(self._stack, places[there])
-        self._there[places] = self._left_out[places] = False
-        return places[~there]
+        ready = self._ready[slots]
+        stack.adopt(self._stack, slots[ready])
+        self._ready[slots] = self._left_out[slots] = False
+        return slots[~ready]
 
     def _draw(
-        self, places: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
+        self, slots: NDArray[np.int64], generator: Callable[[int], np.random.Generator]
     ) -> None:
-        drawn = self._sampler.sample([generator(place) for place in places.tolist()])
+        drawn = self._sampler.sample([generator(slot) for slot in slots.tolist()])
         ends = drawn.structures.default_ends
         tables = Tables.of_many(drawn.structures, *ends, normalised=self._normalised)
-        filled = places[drawn.numbers]
+        filled = slots[drawn.numbers]
         self._stack.load_many(filled, drawn.structures, ends, tables)
-        self._left_out[places] = True
+        self._left_out[slots] = True
         self._left_out[filled] = False
-        self._there[filled] = True
-        for place, before in zip(filled.tolist(), drawn.before, strict=True):
-            self._before[place] = before
+        self._ready[filled] = True
+        for slot, before in zip(filled.tolist(), drawn.before, strict=True):
+            self._before[slot] = before
 
-    def forget(self, place: int, generator: np.random.Generator | None) -> None:
+    def forget(self, slot: int, generator: np.random.Generator | None) -> None:
         """Drop the labyrinth of a sub-environment.
 
         Args:
-            place: The number of the sub-environment.
+            slot: The number of the sub-environment.
             generator: Its generator, whose state is restored; None if it has been replaced.
         """
-        if self._there[place] and generator is not None:
-            generator.bit_generator.state = self._before[place]
-        self._there[place] = self._left_out[place] = False
+        if self._ready[slot] and generator is not None:
+            generator.bit_generator.state = self._before[slot]
+        self._ready[slot] = self._left_out[slot] = False

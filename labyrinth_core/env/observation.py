@@ -70,10 +70,10 @@ class Observer:
         if self._cached is None:
             size: int = self._draw(labyrinth, 0).nbytes
             self._cached = lru_cache(max(CACHE_BYTES // size, 2))(self._draw)
-        block, place = divmod(state, self._together)
+        block, offset = divmod(state, self._together)
         if labyrinth is not self._latest[0] or block != self._latest[1]:  # Hashing takes longer.
             self._latest = labyrinth, block, self._cached(labyrinth, block)
-        observation: Array = self._latest[2][place].copy()
+        observation: Array = self._latest[2][offset].copy()
         return observation
 
     def _draw(self, labyrinth: Labyrinth, block: int) -> Array:

@@ -20,11 +20,11 @@ class Stack:
     """Many labyrinths and the state of the agent in each."""
 
     def __init__(self, count: int, height: int, width: int, task: Task) -> None:
-        """Make room for `count` labyrinths; each place must be loaded before it is used."""
+        """Make room for `count` labyrinths; each slot must be loaded before it is used."""
         self._height, self._width, self._task = height, width, task
         states = height * width * task.rules.phases
         self.labyrinths: list[Labyrinth | None] = [None] * count
-        """The labyrinth in each place; None if not loaded, or if `at` has yet to parse its text."""
+        """The labyrinth in each slot; None if not loaded, or if `at` has yet to parse its text."""
         self._first = np.arange(count, dtype=np.int64) * states
         """The index in the stack of each labyrinth's first state."""
         self._initial = self._first.copy()
@@ -44,66 +44,66 @@ class Stack:
         self.looks = np.zeros(count, np.intp)
         """The look of each labyrinth, as an index in `Look`."""
 
-    def load(self, place: int, labyrinth: Labyrinth, tables: Tables) -> None:
-        """Put a labyrinth into a place."""
+    def load(self, slot: int, labyrinth: Labyrinth, tables: Tables) -> None:
+        """Put a labyrinth into a slot."""
         vector, look = self._layout.initial(labyrinth), labyrinth.look
-        self._load(np.array([place]), tables, [dump(labyrinth)], vector, look)
-        self.labyrinths[place] = labyrinth
+        self._load(np.array([slot]), tables, [dump(labyrinth)], vector, look)
+        self.labyrinths[slot] = labyrinth
 
     def load_many(
         self,
-        places: NDArray[np.int64],
+        slots: NDArray[np.int64],
         structures: Structures,
         ends: tuple[int, int],
         tables: Tables,
     ) -> None:
-        """Put labyrinths without tiles, all with the same start and goal, into the given places."""
+        """Put labyrinths without tiles, all with the same start and goal, into the given slots."""
         vectors = self._layout.initial_of(structures, ends)
-        self._load(places, tables, dump_many(structures, *ends, self._task), vectors, Look.PLAIN)
+        self._load(slots, tables, dump_many(structures, *ends, self._task), vectors, Look.PLAIN)
 
     def _load(
         self,
-        places: NDArray[np.int64],
+        slots: NDArray[np.int64],
         tables: Tables,
         texts: list[str],
         vectors: NDArray[np.int32],
         look: Look,
     ) -> None:
-        first = self._first[places]
-        self._initial[places] = first + tables.initial
-        self._transitions[places] = tables.transitions + first[:, None, None]
-        self._rewards[places] = tables.rewards
-        self._terminal[places] = tables.terminal
-        self._distances[places] = tables.distances
-        self._optimal[places] = tables.optimal_actions
-        self._names[:, places] = [labyrinth_id(text) for text in texts], texts
-        self.initial_vectors[places] = vectors
-        self.looks[places] = [*Look].index(look)
-        self._changed(places)
+        first = self._first[slots]
+        self._initial[slots] = first + tables.initial
+        self._transitions[slots] = tables.transitions + first[:, None, None]
+        self._rewards[slots] = tables.rewards
+        self._terminal[slots] = tables.terminal
+        self._distances[slots] = tables.distances
+        self._optimal[slots] = tables.optimal_actions
+        self._names[:, slots] = [labyrinth_id(text) for text in texts], texts
+        self.initial_vectors[slots] = vectors
+        self.looks[slots] = [*Look].index(look)
+        self._changed(slots)
 
-    def adopt(self, other: Stack, places: NDArray[np.int64]) -> None:
-        """Copy the labyrinths in some places of another stack into the same places here."""
+    def adopt(self, other: Stack, slots: NDArray[np.int64]) -> None:
+        """Copy the labyrinths in some slots of another stack into the same slots here."""
         for ours, theirs in zip(self._arrays(), other._arrays(), strict=True):
-            ours[places] = theirs[places]
-        self._names[:, places] = other._names[:, places]
-        self._changed(places)
+            ours[slots] = theirs[slots]
+        self._names[:, slots] = other._names[:, slots]
+        self._changed(slots)
 
     def _arrays(self) -> tuple[NDArray[Any], ...]:
         """Return the arrays with a row for each labyrinth."""
         tables = self._initial, self._transitions, self._rewards, self._terminal
         return *tables, self._distances, self._optimal, self.initial_vectors, self.looks
 
-    def _changed(self, places: NDArray[np.int64]) -> None:
-        for place in places.tolist():
-            self.labyrinths[place] = None
+    def _changed(self, slots: NDArray[np.int64]) -> None:
+        for slot in slots.tolist():
+            self.labyrinths[slot] = None
         self._shared_names = None
 
-    def at(self, place: int) -> tuple[Labyrinth, int]:
-        """Return the labyrinth in a place, and the index of its state within it."""
-        labyrinth = self.labyrinths[place]
+    def at(self, slot: int) -> tuple[Labyrinth, int]:
+        """Return the labyrinth in a slot, and the index of its state within it."""
+        labyrinth = self.labyrinths[slot]
         if labyrinth is None:
-            self.labyrinths[place] = labyrinth = parse(self._names[1, place])
-        return labyrinth, int(self._now[place] - self._first[place])
+            self.labyrinths[slot] = labyrinth = parse(self._names[1, slot])
+        return labyrinth, int(self._now[slot] - self._first[slot])
 
     def restart(self, mask: NDArray[np.bool_]) -> None:
         """Reset the agents of a mask to their initial states."""

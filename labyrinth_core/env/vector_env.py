@@ -180,14 +180,14 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         """The generator of each sub-environment."""
         generators = tuple(map(self._generator, range(self.num_envs)))
         if self._next is not None:  # Undo what was drawn ahead, before the caller draws.
-            for place, generator in enumerate(generators):
-                self._next.forget(place, generator)
+            for slot, generator in enumerate(generators):
+                self._next.forget(slot, generator)
         return generators
 
     @property
     def np_random_seed(self) -> tuple[int | None, ...]:  # type: ignore[override]
         """The seed of each sub-environment."""
-        return tuple(self._seeds[place] for place, _ in enumerate(self.np_random))
+        return tuple(self._seeds[slot] for slot, _ in enumerate(self.np_random))
 
     def reset(
         self,
@@ -211,13 +211,13 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         mask = checked_mask(options.pop("reset_mask", None), self.num_envs)
         if not (self._begun | mask).all():
             raise ResetNeeded("no episode is under way in some: call reset() without reset_mask")
-        for place, number in enumerate(checked_seeds(seed, self.num_envs)):
-            if mask[place] and number is not None:
+        for slot, number in enumerate(checked_seeds(seed, self.num_envs)):
+            if mask[slot] and number is not None:
                 if self._next is not None:
-                    self._next.forget(place, None)
-                self._generators[place], self._seeds[place] = seeding.np_random(number)
+                    self._next.forget(slot, None)
+                self._generators[slot], self._seeds[slot] = seeding.np_random(number)
                 if self._turns is not None:
-                    self._turns[place] = number % len(self._sources)
+                    self._turns[slot] = number % len(self._sources)
         self._restart(mask, options)
         self._collect(mask)
         return self._observe(), self._infos(mask)
@@ -227,19 +227,19 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         begun = np.flatnonzero(mask)
         if self._next is not None and not options:
             begun = self._next.load(self._stack, begun, self._generator)
-        places = begun.tolist()
+        slots = begun.tolist()
         # Draw all before loading any, so that an invalid option changes nothing.
-        drawn = [self._draw(place, options) for place in places]
+        drawn = [self._draw(slot, options) for slot in slots]
         if self._turns is not None:
             self._turns[mask] += self.num_envs
         tables: dict[Labyrinth, Tables] = {}
         same: list[int] = []
-        for place, labyrinth in zip(places, drawn, strict=True):
-            if labyrinth is not self._stack.labyrinths[place]:
+        for slot, labyrinth in zip(slots, drawn, strict=True):
+            if labyrinth is not self._stack.labyrinths[slot]:
                 made = tables.get(labyrinth) or Tables.of(labyrinth, normalised=self._normalised)
-                self._stack.load(place, labyrinth, tables.setdefault(labyrinth, made))
+                self._stack.load(slot, labyrinth, tables.setdefault(labyrinth, made))
             else:
-                same.append(place)
+                same.append(slot)
         if self._gallery is not None:
             self._gallery.forget(np.setdiff1d(np.flatnonzero(mask), same))
         self._stack.restart(mask)
@@ -247,26 +247,26 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         self._over[mask] = False
         self._begun |= mask
         if self._frames is not None:
-            for place in np.flatnonzero(mask).tolist():
-                self._frames[place] = []
+            for slot in np.flatnonzero(mask).tolist():
+                self._frames[slot] = []
 
-    def _draw(self, place: int, options: dict[str, Any] | None) -> Labyrinth:
-        number = place if self._turns is None else self._turns[place]
+    def _draw(self, slot: int, options: dict[str, Any] | None) -> Labyrinth:
+        number = slot if self._turns is None else self._turns[slot]
         source = self._sources[number % len(self._sources)]
         if source.kept is not None and not options:
             return source.kept
-        generator = self._generator(place)
+        generator = self._generator(slot)
         if self._next is not None:
-            self._next.forget(place, generator)
+            self._next.forget(slot, generator)
         labyrinth = source.draw(generator, options)
         check_shape(labyrinth, self._shape)
         return labyrinth
 
-    def _generator(self, place: int) -> np.random.Generator:
-        generator = self._generators[place]
+    def _generator(self, slot: int) -> np.random.Generator:
+        generator = self._generators[slot]
         if generator is None:
-            generator, self._seeds[place] = seeding.np_random()
-            self._generators[place] = generator
+            generator, self._seeds[slot] = seeding.np_random()
+            self._generators[slot] = generator
         return generator
 
     def step(self, actions: Batch) -> tuple[Batch, Batch, Batch, Batch, Infos]:
@@ -290,9 +290,9 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             raise ResetNeeded("no episode is under way: call reset() before step()")
         over = self._over.copy() if self._over.any() else None
         if over is not None and self.autoreset_mode is AutoresetMode.DISABLED:
-            places = ", ".join(map(str, np.flatnonzero(over)[:5]))
+            slots = ", ".join(map(str, np.flatnonzero(over)[:5]))
             raise ResetNeeded(
-                f"the episodes of sub-environments {places} are over: call "
+                f"the episodes of sub-environments {slots} are over: call "
                 "reset(options={'reset_mask': ...}) for all that are"
             )
         rewards, terminated = self._stack.step(actions)
@@ -323,10 +323,10 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     def _finish(self, over: Mask) -> Infos:
         """Return the last observations and infos of episodes, and begin the next ones."""
         observations = np.full(self.num_envs, None, object)
-        places = np.flatnonzero(over).tolist()
-        last = self._observer.batch([self._stack.at(place) for place in places])
-        for place, observation in zip(places, last, strict=True):
-            observations[place] = observation.copy()  # An array of its own.
+        slots = np.flatnonzero(over).tolist()
+        last = self._observer.batch([self._stack.at(slot) for slot in slots])
+        for slot, observation in zip(slots, last, strict=True):
+            observations[slot] = observation.copy()  # An array of its own.
         final = {
             "final_obs": observations,
             "_final_obs": over.copy(),
@@ -343,15 +343,15 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
             return self._stack.vectors()
         if self._gallery is not None:
             return self._gallery.pictures(self._stack)
-        return self._observer.batch([self._stack.at(place) for place in range(self.num_envs)])
+        return self._observer.batch([self._stack.at(slot) for slot in range(self.num_envs)])
 
     def _infos(self, mask: Mask | None = None) -> Infos:
         """Return the infos of the sub-environments of a mask; the others have empty infos."""
-        found = self._stack.infos()
-        masks = np.empty((len(found), self.num_envs), np.bool_)  # Faster than an array for each.
+        stacked = self._stack.infos()
+        masks = np.empty((len(stacked), self.num_envs), np.bool_)  # Faster than an array for each.
         masks[:] = True if mask is None else mask
         infos: Infos = {}
-        for (name, values), own in zip(found.items(), masks, strict=True):
+        for (name, values), own in zip(stacked.items(), masks, strict=True):
             infos[f"_{name}"] = own
             infos[name] = values if mask is None else _only(values, mask)
         return infos
@@ -376,14 +376,14 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
     def _collect(self, mask: Mask | None = None) -> None:
         """Keep the frames of the sub-environments of a mask, if the mode is a list mode."""
         if self._frames is not None:
-            for place, frames in enumerate(self._frames):
-                if mask is None or mask[place]:
-                    frames.append(self._frame(place))
+            for slot, frames in enumerate(self._frames):
+                if mask is None or mask[slot]:
+                    frames.append(self._frame(slot))
 
-    def _frame(self, place: int) -> Frame:
+    def _frame(self, slot: int) -> Frame:
         assert self.render_mode is not None
         draw = draw_text if self.render_mode.startswith("ansi") else render
-        labyrinth, state = self._stack.at(place)
+        labyrinth, state = self._stack.at(slot)
         return draw(labyrinth, labyrinth.state_at(state))
 
 

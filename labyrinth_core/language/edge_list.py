@@ -86,8 +86,8 @@ def _build(reader: _Reader, structure: Structure, tiles: list[_Pair], task: Task
     try:
         return Labyrinth(structure, start, goal, task, key, door, ice)
     except LabyrinthError as error:
-        places: dict[int | None, int] = dict(zip(cells, (at for at, _ in tiles), strict=True))
-        raise reader.error(places.get(error.cell, 0), str(error)) from error
+        offset_of: dict[int | None, int] = dict(zip(cells, (at for at, _ in tiles), strict=True))
+        raise reader.error(offset_of.get(error.cell, 0), str(error)) from error
 
 
 class _Reader:

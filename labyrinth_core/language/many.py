@@ -33,7 +33,7 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     if {len(drawing) for drawing in drawings} != {len(pattern)} or not joined.isascii():
         return None
     shown = np.frombuffer(joined.encode(), np.uint8).reshape(len(texts), -1)
-    cells, above, beside = _places(pattern, height, width)
+    cells, above, beside = _indices(pattern, height, width)
     fixed = np.ones(len(pattern), np.bool_)
     for free in (cells, above, beside):
         fixed[free] = False
@@ -47,16 +47,16 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
     own = task.rules.tiles
     singles = "SE" + "".join(tile.letter for tile in own if not tile.many)
     letters = np.frombuffer(singles.encode(), np.uint8)
-    there = content[:, None] == letters[:, None]
+    is_tile = content[:, None] == letters[:, None]
     ground = np.zeros(content.shape, np.uint8)
     for number, letter in enumerate((tile.letter for tile in own if tile.many), start=1):
         ground[content == ord(letter)] = number
     as_drawn += [
-        there.sum(axis=2) == 1,
+        is_tile.sum(axis=2) == 1,
         (content != ord(" ")).sum(axis=1) == len(letters) + (ground > 0).sum(axis=1),
         ground.any(axis=1) == bool(task.rules.grounds),
     ]
-    tiles = there.argmax(axis=2)
+    tiles = is_tile.argmax(axis=2)
     if not all(each.all() for each in as_drawn):
         return None
     up = np.zeros((len(texts), height, width), np.bool_)
@@ -80,7 +80,7 @@ def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list
     """Return `text.dump` of each structure with this start, goal and task, which has no tiles."""
     height, width = structures.height, structures.width
     text = dump(Labyrinth(Structure.without_walls(height, width), start, goal, task))
-    _, above, beside = _places(text, height, width)
+    _, above, beside = _indices(text, height, width)
     up, right = (each.reshape(-1, height, width) for each in (structures.up, structures.right))
     texts = np.tile(np.frombuffer(text.encode(), np.uint8), (len(structures), 1))
     texts[:, above] = np.where(up[:, :-1], ord(" "), ord("-"))
@@ -89,12 +89,12 @@ def dump_many(structures: Structures, start: int, goal: int, task: Task) -> list
     return [joined[begin : begin + length] for begin in range(0, len(joined), length)]
 
 
-def _places(text: str, height: int, width: int) -> list[NDArray[np.int64]]:
+def _indices(text: str, height: int, width: int) -> list[NDArray[np.int64]]:
     """Return the indices in a canonical text of its cells and passages, the lowest row first.
 
     Cells have the shape (height, width), passages above them (height - 1, width), and passages on
     their right (height, width - 1).
     """
-    places = np.arange(len(text))[text.index("-----") : text.index("end")]
-    places = places.reshape(2 * height + 1, 4 * width + 2)[::-1]
-    return [places[1::2, 2::4], places[2:-1:2, 2::4], places[1::2, 4:-2:4]]
+    indices = np.arange(len(text))[text.index("-----") : text.index("end")]
+    indices = indices.reshape(2 * height + 1, 4 * width + 2)[::-1]
+    return [indices[1::2, 2::4], indices[2:-1:2, 2::4], indices[1::2, 4:-2:4]]

@@ -140,11 +140,11 @@ class Source:
         """
         begin = self.text.rfind("\n", 0, offset) + 1
         line = self.text[begin:].partition("\n")[0]
-        for place, char in enumerate(line):
+        for column, char in enumerate(line):
             if not char.isprintable():
-                offset = begin + place
+                offset = begin + column
                 message = "tabs and other control characters are allowed only in comments"
-                expected, found = "blanks or printable characters", character_at(line, place)
+                expected, found = "blanks or printable characters", character_at(line, column)
                 break
         raise self.error(offset, message, expected, found)
 

@@ -146,16 +146,16 @@ def _parse_settings(source: Source) -> _Settings:
         match = _SETTING.match(line)
         assert match, "every part of the pattern may be empty"
         name, colon, value = match[1].rstrip(" "), match[2], match[3]
-        place, value_at = offset + match.start(1), offset + match.start(3)
+        name_at, value_at = offset + match.start(1), offset + match.start(3)
         if name == _HEADING and colon and not value:
-            return _Settings(*(switched_on or (Task.NAVIGATION, place)), look)
+            return _Settings(*(switched_on or (Task.NAVIGATION, name_at)), look)
         if name not in _VALUES or not colon:
             _refuse_setting(source, offset, line)
         if name in seen:
             expected = "each setting at most once"
             found = f"{name} again, after line {source.line_number(seen[name])}"
-            source.fail(place, "a setting is given twice", expected, found)
-        seen[name] = place
+            source.fail(name_at, "a setting is given twice", expected, found)
+        seen[name] = name_at
         if not _VALUES[name].fullmatch(value.lower()):
             found = quoted(value) if value else "the end of the line"
             source.fail(value_at, f"in the value of {name}", _EXPECTED[name], found)
@@ -164,8 +164,8 @@ def _parse_settings(source: Source) -> _Settings:
         elif value.lower() == "true":
             if switched_on:
                 found = f"{name}, after line {source.line_number(switched_on[1])}"
-                source.fail(place, "two tasks are switched on", "one task at most", found)
-            switched_on = SETTINGS[name], place
+                source.fail(name_at, "two tasks are switched on", "one task at most", found)
+            switched_on = SETTINGS[name], name_at
 
 
 def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
@@ -174,7 +174,7 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
 
     match = _FIRST_WORD.match(line)
     assert match, "every part of the pattern may be empty"
-    word, place = match[1], offset + match.start(1)
+    word, word_at = match[1], offset + match.start(1)
     if word in (_HEADING, *_VALUES):
         if match[2]:
             message = "the drawing begins on a line of its own"
@@ -182,11 +182,11 @@ def _refuse_setting(source: Source, offset: int, line: str) -> NoReturn:
         source.fail(offset + match.end(), f"after {word}", "':'")
     if not line or line[0] in "-|":
         found = quoted(line.strip(" "))
-        source.fail(place, "the line before the drawing is missing", f"'{_HEADING}:'", found)
+        source.fail(word_at, "the line before the drawing is missing", f"'{_HEADING}:'", found)
     close = get_close_matches(word[:40].lower(), (_HEADING, *_VALUES), n=1)
     hint = f" (did you mean {close[0]}?)" if close else ""
     expected = f"{', '.join(_VALUES)} or {_HEADING}{hint}"
-    source.fail(place, "unknown setting", expected, quoted(word or line.strip(" ")))
+    source.fail(word_at, "unknown setting", expected, quoted(word or line.strip(" ")))
 
 
 class _Drawing(NamedTuple):
@@ -299,8 +299,8 @@ def _refuse_line(source: Source, offset: int, line: str, length: int, *, cells: 
     column, expected = min(wrong, default=(length, "the end of the line"))
     if column == length:
         column = len(line) - len(line[length:].lstrip(" "))
-    there = None if column < len(line) else "the end of the line"
-    source.fail(offset + column, f"in a line of {kind}", expected, there)
+    past_end = None if column < len(line) else "the end of the line"
+    source.fail(offset + column, f"in a line of {kind}", expected, past_end)
 
 
 def _parse_end(source: Source) -> None:
@@ -312,9 +312,8 @@ def _parse_end(source: Source) -> None:
         offset, line = source.next_line()
         text = line.lstrip(" ")
         if text != expected:
-            place = offset + len(line) - len(text)
-            wanted = f"'{expected}'" if expected else "nothing but comments"
-            source.fail(place, message, wanted, quoted(text))
+            allowed = f"'{expected}'" if expected else "nothing but comments"
+            source.fail(offset + len(line) - len(text), message, allowed, quoted(text))
 
 
 def _build(source: Source, drawing: _Drawing, settings: _Settings, seed: int) -> Labyrinth:

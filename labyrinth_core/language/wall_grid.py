@@ -83,12 +83,12 @@ def from_grid(grid: NDArray[Any]) -> Labyrinth | Structure:
 
 def _marked(grid: NDArray[Any], mark: int, name: str) -> int | None:
     """Return the cell with a mark, or None if no cell has it."""
-    places = np.argwhere(grid == mark).tolist()
-    if len(places) > 1:
-        row, column = places[1]
+    marked = np.argwhere(grid == mark).tolist()
+    if len(marked) > 1:
+        row, column = marked[1]
         raise ValueError(f"row {row}, column {column}: a second {name}: mark at most one")
     height, width = (side // 2 for side in grid.shape)
-    return (height - 1 - places[0][0] // 2) * width + places[0][1] // 2 if places else None
+    return (height - 1 - marked[0][0] // 2) * width + marked[0][1] // 2 if marked else None
 
 
 def from_connections(connections: NDArray[Any]) -> Structure:

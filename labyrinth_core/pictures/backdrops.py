@@ -294,31 +294,31 @@ def _codes(scenes: Scenes) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
 # Windows of pictures. Each row of a window is one item of a view, so that NumPy copies it at once.
 
 
-def paste(pictures: Pictures, places: Numbers, corners: Corners, patches: Pictures) -> None:
+def paste(pictures: Pictures, indices: Numbers, corners: Corners, patches: Pictures) -> None:
     """Put a patch into each of some pictures.
 
     Args:
         pictures: Shape (N, image_size, image_size, 3), C-contiguous.
-        places: The index of the picture of each patch, shape (M,).
+        indices: The index of the picture of each patch, shape (M,).
         corners: The first row and the first column of each patch, shape (M,) each.
         patches: Shape (M, reach, reach, 3).
     """
     reach = patches.shape[1]
     rows = _runs(pictures, reach)
-    where = _where(places, corners, reach)
+    where = _where(indices, corners, reach)
     rows[where] = patches.reshape(len(patches), reach, 3 * reach).view(rows.dtype)[..., 0]
 
 
-def cut(pictures: Pictures, places: Numbers, corners: Corners, reach: int) -> Pictures:
-    """Return the patches of pictures, `reach` pixels high and wide, at the places of `paste`."""
-    rows = _runs(pictures, reach)[_where(places, corners, reach)]
-    return rows.view(np.uint8).reshape(len(places), reach, reach, 3)
+def cut(pictures: Pictures, indices: Numbers, corners: Corners, reach: int) -> Pictures:
+    """Return the patches of pictures, `reach` pixels high and wide, where `paste` puts them."""
+    rows = _runs(pictures, reach)[_where(indices, corners, reach)]
+    return rows.view(np.uint8).reshape(len(indices), reach, reach, 3)
 
 
-def _where(places: Numbers, corners: Corners, reach: int) -> tuple[Numbers, Numbers, Numbers]:
+def _where(indices: Numbers, corners: Corners, reach: int) -> tuple[Numbers, Numbers, Numbers]:
     """Return the indices of the runs of patches, see `_runs`."""
     tops, lefts = corners
-    return places[:, None], tops[:, None] + np.arange(reach), lefts[:, None]
+    return indices[:, None], tops[:, None] + np.arange(reach), lefts[:, None]
 
 
 def _runs(pixels: NDArray[Any], length: int) -> NDArray[np.void]:

@@ -85,9 +85,9 @@ class Gallery:
         self._covered: tuple[Corners, Pictures] | None = None
         """The pixels under the patches now shown, if patches are exchanged in place."""
 
-    def forget(self, places: Numbers) -> None:
-        """Forget the labyrinths in some places, which have been replaced."""
-        self._drawn[places[places < self._kept]] = -1
+    def forget(self, slots: Numbers) -> None:
+        """Forget the labyrinths in some slots, which have been replaced."""
+        self._drawn[slots[slots < self._kept]] = -1
 
     def pictures(self, stack: Stack) -> Pictures:
         """Return the pictures of all labyrinths, shape (count, image_size, image_size, 3)."""
@@ -112,17 +112,17 @@ class Gallery:
             shown.setflags(write=False)
         return shown
 
-    def _alike(self, stack: Stack, places: Numbers) -> Iterator[tuple[int, Style, Numbers]]:
-        """Yield each look of the labyrinths in some places, its style, and its places."""
-        looks = stack.looks[places]
+    def _alike(self, stack: Stack, slots: Numbers) -> Iterator[tuple[int, Style, Numbers]]:
+        """Yield each look of the labyrinths in some slots, its style, and its slots."""
+        looks = stack.looks[slots]
         for look in np.unique(looks).tolist():
-            yield look, style_for(LOOKS[look], *self._shape[:2]), places[looks == look]
+            yield look, style_for(LOOKS[look], *self._shape[:2]), slots[looks == look]
 
-    def _draw(self, stack: Stack, places: Numbers) -> Pictures:
-        """Draw the pictures of the labyrinths in some places, without the cache."""
-        pictures = np.empty((len(places), *self._shown.shape[1:]), np.uint8)
-        for _, style, alike in self._alike(stack, places):
-            pictures[np.isin(places, alike)] = draw_states(
+    def _draw(self, stack: Stack, slots: Numbers) -> Pictures:
+        """Draw the pictures of the labyrinths in some slots, without the cache."""
+        pictures = np.empty((len(slots), *self._shown.shape[1:]), np.uint8)
+        for _, style, alike in self._alike(stack, slots):
+            pictures[np.isin(slots, alike)] = draw_states(
                 self._shape,
                 stack.initial_vectors,
                 alike,
@@ -149,9 +149,9 @@ class Gallery:
             phases = needed[alike]
             scenes = Scenes(*self._shape, stack.initial_vectors[alike], phases >= 1, phases == 2)
             for first, backdrops in backdrops_of(scenes, self._size, style):
-                places = alike[first : first + len(backdrops)]
-                self._shown[places] = backdrops.bare()
-                self._patches[places] = self._everywhere(backdrops, needed[places] == 1)
+                slots = alike[first : first + len(backdrops)]
+                self._shown[slots] = backdrops.bare()
+                self._patches[slots] = self._everywhere(backdrops, needed[slots] == 1)
             self._corners[look] = backdrops.corners(np.arange(self._cells))
 
     def _everywhere(self, backdrops: Backdrops, with_key: Mask) -> Pictures:

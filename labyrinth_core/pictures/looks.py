@@ -44,9 +44,9 @@ class Looks:
         looks: dict[Look, list[int]] = {}
         for number, each in enumerate(labyrinths if spec.of_arrays else []):
             looks.setdefault(each.look, []).append(number)
-        self._group, self._place = np.zeros((2, len(labyrinths)), np.int64)
+        self._group, self._offset = np.zeros((2, len(labyrinths)), np.int64)
         for group, numbers in enumerate(looks.values()):
-            self._group[numbers], self._place[numbers] = group, range(len(numbers))
+            self._group[numbers], self._offset[numbers] = group, range(len(numbers))
         self._alike = [
             Labyrinths.of([labyrinths[number] for number in numbers]) for numbers in looks.values()
         ]
@@ -62,23 +62,23 @@ class Looks:
             pairs = zip(which.tolist(), states.tolist(), strict=True)
             parsed = self._labyrinths
             return self._spec.look([(parsed[n], parsed[n].state_at(state)) for n, state in pairs])
-        group, place = self._group[which], self._place[which]
+        group, offset = self._group[which], self._offset[which]
         parts = []
         for number, alike in enumerate(self._alike):
-            there = np.flatnonzero(group == number)
+            rows = np.flatnonzero(group == number)
             if self._keeps:
-                seen = self._kept(number).draw(place[there], states[there])
+                seen = self._kept(number).draw(offset[rows], states[rows])
             else:
                 # Only the labyrinths that are shown: drawing takes time for each that it is given.
-                used, own = np.unique(place[there], return_inverse=True)
-                seen = self._spec.look_together(alike.take(used), own, states[there])
-            parts.append((there, seen))
+                used, own = np.unique(offset[rows], return_inverse=True)
+                seen = self._spec.look_together(alike.take(used), own, states[rows])
+            parts.append((rows, seen))
         if len(parts) == 1:
             return seen
-        found = np.empty((len(states), *seen.shape[1:]), seen.dtype)
-        for there, seen in parts:
-            found[there] = seen
-        return found
+        observations = np.empty((len(states), *seen.shape[1:]), seen.dtype)
+        for rows, seen in parts:
+            observations[rows] = seen
+        return observations
 
     @cached_property
     def _keeps(self) -> bool:
@@ -117,7 +117,7 @@ class Looks:
         cells = self._alike[0].ground.shape[1]
         together = max(1, min(self._spec.together, DRAWN_CELLS // cells))
         first = self[numbers[:together]]
-        found = np.empty((count, *first.shape[1:]), first.dtype)
+        observations = np.empty((count, *first.shape[1:]), first.dtype)
         for begin in range(0, count, together):
-            found[begin : begin + together] = self[numbers[begin : begin + together]]
-        return found
+            observations[begin : begin + together] = self[numbers[begin : begin + together]]
+        return observations

@@ -117,14 +117,14 @@ class Mosaic:
         """
         parts = self._parts.copy()
         a, b = self._sums
-        for place, strip in changes.items():
+        for index, strip in changes.items():
             compressed, new_a, new_b, new_length = _strip_piece(strip)
-            _, old_a, old_b, old_length = self._pieces[place]
+            _, old_a, old_b, old_length = self._pieces[index]
             if new_length != old_length:
-                raise ValueError(f"strip {place}: {new_length} bytes of rows, not {old_length}")
+                raise ValueError(f"strip {index}: {new_length} bytes of rows, not {old_length}")
             a += new_a - old_a
-            b += new_b - old_b + (new_a - old_a) * self._below[place]
-            parts[place + 1] = compressed
+            b += new_b - old_b + (new_a - old_a) * self._below[index]
+            parts[index + 1] = compressed
         parts.append(_LAST_BLOCK)
         parts.append(_SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS))
         return _file(self._header, b"".join(parts))
@@ -290,8 +290,8 @@ class PictureDigest:
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the digest with strips exchanged: index from the top -> strip of that height."""
         total = self._sum
-        for place, strip in changes.items():
-            total += (_strip_sum(strip)[0] - self._sums[place]) * self._powers[place]
+        for index, strip in changes.items():
+            total += (_strip_sum(strip)[0] - self._sums[index]) * self._powers[index]
         return (total % _DIGEST_MODULUS).to_bytes(16, "little")
 
 

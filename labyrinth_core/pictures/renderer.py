@@ -98,8 +98,8 @@ class Painter:
         if self._labyrinth.task.rules.hides and changes:
             return list(changes.values())
         strips = self._strips.copy()
-        for place, strip in changes.items():
-            strips[place] = strip
+        for index, strip in changes.items():
+            strips[index] = strip
         return strips
 
     @cached_property
@@ -123,9 +123,9 @@ class Painter:
         strips: dict[int, Strip] = {}
         for cell, code in codes.items():
             row, column = divmod(cell, labyrinth.structure.width)
-            place = self._lowest - 2 * row
-            strip = strips.get(place, self._strips[place])
-            strips[place] = _with_tile(self._grid, self._style, strip, column, code)
+            index = self._lowest - 2 * row
+            strip = strips.get(index, self._strips[index])
+            strips[index] = _with_tile(self._grid, self._style, strip, column, code)
         return strips
 
     def _draw_seen(self, state: State, codes: dict[int, int]) -> list[Strip]:
@@ -306,9 +306,9 @@ def squares(style: Style, code: int) -> list[tuple[int, Colour]]:
         OPEN_DOOR: [(0, style.door), (1, style.floor)],
         HIDDEN: [(0, style.hidden)],
     }
-    found = [(0, style.floor), *shown[tile]]
+    nested = [(0, style.floor), *shown[tile]]
     if agent:
-        found += [(AGENT_INSET, style.agent)]
+        nested += [(AGENT_INSET, style.agent)]
     if agent == AGENT_WITH_KEY:
-        found += [(4, style.key)]
-    return found
+        nested += [(4, style.key)]
+    return nested

@@ -61,25 +61,25 @@ def draw(
     # Labyrinths are compared by identity: comparing values takes as long as drawing one twice.
     kinds: dict[int, tuple[Any, ...]] = {}
     groups: dict[tuple[Any, ...], list[int]] = {}
-    for place, (labyrinth, _) in enumerate(views):
+    for index, (labyrinth, _) in enumerate(views):
         if id(labyrinth) not in kinds:
             structure = labyrinth.structure
             kind = structure.height, structure.width, labyrinth.task, labyrinth.look
             kinds[id(labyrinth)] = kind
-        groups.setdefault(kinds[id(labyrinth)], []).append(place)
+        groups.setdefault(kinds[id(labyrinth)], []).append(index)
     pictures = np.empty((len(views), image_size, image_size, 3), np.uint8)
-    for (height, width, task, look), places in groups.items():
+    for (height, width, task, look), indices in groups.items():
         style = style_for(look, height, width, wall_pixels)
-        some = [views[place] for place in places]
+        some = [views[index] for index in indices]
         if image_size == PICTURE_SIZE:
             painters = {id(labyrinth): Painter(labyrinth, style) for labyrinth, _ in some}
-            for place, (labyrinth, state) in zip(places, some, strict=True):
-                pictures[place] = painters[id(labyrinth)].array(state)
+            for index, (labyrinth, state) in zip(indices, some, strict=True):
+                pictures[index] = painters[id(labyrinth)].array(state)
             continue
         drawn = _draw_alike((height, width, task), some, image_size, style, resize)
         if len(groups) == 1:
             return drawn
-        pictures[places] = drawn
+        pictures[indices] = drawn
     return pictures
 
 
@@ -190,7 +190,7 @@ def draw_states(
     """
     height, width, task = shape
     cells = height * width
-    places, hides = grid_indices(height, width), task.rules.hides
+    grid_index, hides = grid_indices(height, width), task.rules.hides
     pictures = np.empty((len(states), image_size, image_size, 3), np.uint8) if out is None else out
     together = max(1, min(DRAWN_BYTES // (3 * image_size**2), DRAWN_CELLS // cells))
     for start in range(0, len(states), together):
@@ -198,7 +198,7 @@ def draw_states(
         phase, agents = np.divmod(states[start : start + together], cells)
         key_gone, door_open = phase > 0, phase > 1
         if task.rules.phases > 1:  # An agent on the key's cell hides the key.
-            key_gone = key_gone | (places[agents] == vectors[own, 3])
+            key_gone = key_gone | (grid_index[agents] == vectors[own, 3])
         kinds = own * (cells + 4) + (agents if hides else 2 * key_gone + door_open)
         _, first, scene = np.unique(kinds, return_index=True, return_inverse=True)
         seen = visible(own[first], agents[first]) if hides else None
@@ -282,15 +282,15 @@ def _fill(
             some.draw(pictures, scene, agents, with_key)
             return
         part = slice(*np.searchsorted(ascending, [first, first + len(some)]))
-        places = order[part]
-        if not len(places):
+        indices = order[part]
+        if not len(indices):
             continue
-        in_order = (np.diff(places) == 1).all()
+        in_order = (np.diff(indices) == 1).all()
         drawn = (
-            pictures[places[0] :][: len(places)]
+            pictures[indices[0] :][: len(indices)]
             if in_order
-            else np.empty((len(places), *pictures.shape[1:]), np.uint8)
+            else np.empty((len(indices), *pictures.shape[1:]), np.uint8)
         )
-        some.draw(drawn, ascending[part] - first, agents[places], with_key[places])
+        some.draw(drawn, ascending[part] - first, agents[indices], with_key[indices])
         if not in_order:
-            pictures[places] = drawn
+            pictures[indices] = drawn

@@ -39,9 +39,9 @@ class Structures:
     def __len__(self) -> int:
         return len(self.up)
 
-    def __getitem__(self, place: int) -> Structure:
+    def __getitem__(self, index: int) -> Structure:
         up, right = (
-            int.from_bytes(np.packbits(passages[place], bitorder="little").tobytes(), "little")
+            int.from_bytes(np.packbits(passages[index], bitorder="little").tobytes(), "little")
             for passages in (self.up, self.right)
         )
         return Structure(self.height, self.width, up, right)
@@ -139,7 +139,7 @@ class Labyrinths:
         if self.task is not Task.KEY_AND_DOOR:
             return moves
         cells = self.ground.shape[1]
-        key, door = (self.tiles[:, place, None, None] for place in (2, 3))
+        key, door = (self.tiles[:, column, None, None] for column in (2, 3))
         stay = np.arange(cells, dtype=np.int32)[:, None]
         without_key = np.where(moves == door, stay, moves) + cells * (moves == key)
         with_key = cells + moves + cells * (moves == door)
@@ -292,9 +292,9 @@ def distances_from(
         beside = onward[border].ravel()
         beside = beside[distances[beside] == UNREACHABLE]
         # A cell beside several border cells is kept once: the last claim wins.
-        places = np.arange(len(beside))
-        claims[beside] = places
-        border = beside[claims[beside] == places]
+        numbers = np.arange(len(beside))
+        claims[beside] = numbers
+        border = beside[claims[beside] == numbers]
     distances[blocked] = UNREACHABLE
     return distances
 

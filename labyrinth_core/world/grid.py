@@ -7,6 +7,7 @@ from labyrinth_core.world.rules import Action
 
 SIDES = range(2, 1_001)
 """The heights and widths allowed; the largest limits the time and memory that text can cost."""
+_LEAST, _MOST = SIDES[0], SIDES[-1]
 
 
 def digits(bits: int, cells: int) -> str:
@@ -36,8 +37,7 @@ def checked_sides(height: object, width: object) -> tuple[int, int]:
     Raises:
         ValueError: One of them is not an integer from 2 to 1,000.
     """
-    least, most = SIDES[0], SIDES[-1]
-    return whole("height", height, least, most), whole("width", width, least, most)
+    return whole("height", height, _LEAST, _MOST), whole("width", width, _LEAST, _MOST)
 
 
 def neighbours(cell: int, height: int, width: int) -> dict[Action, int]:

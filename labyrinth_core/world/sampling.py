@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import lru_cache
-from itertools import chain
+from itertools import chain, repeat
 
 import numpy as np
 
@@ -43,12 +43,8 @@ class Draws:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.rng = rng
-        self.twelfths = chain.from_iterable(self._twelfths())
+        self.twelfths = chain.from_iterable(twelfths_of(rng.bytes(BLOCK)) for _ in repeat(None))
         """Uniform integers from 0 to 11; their remainders modulo 2, 3 and 4 are uniform, too."""
-
-    def _twelfths(self) -> Iterator[bytes]:
-        while True:
-            yield twelfths_of(self.rng.bytes(BLOCK))
 
 
 def sample_passages(

@@ -264,7 +264,10 @@ class RouteMemory:
 
     def __init__(self, routes: Iterable[Iterable[int]]) -> None:
         """Remember routes, each given as the agent's cell after each step."""
-        self._routes = dict.fromkeys(map(_without_stays, routes))
+        self._routes: dict[tuple[int, ...], None] = {}
+        for cells in map(tuple, routes):
+            moves = (after for before, after in pairwise(cells) if after != before)
+            self._routes[(*cells[:1], *moves)] = None
         self._cell = -1
         self._onward: _Tree = {}
         """The ways on from `_cell`, cached for one cell, as a tree per cell would be very large."""
@@ -295,8 +298,3 @@ class RouteMemory:
                     for following in route[step + 1 :]:
                         node = node.setdefault(following, {})
         return self._onward
-
-
-def _without_stays(route: Iterable[int]) -> tuple[int, ...]:
-    cells = tuple(route)
-    return cells[:1] + tuple(after for before, after in pairwise(cells) if after != before)

@@ -61,8 +61,9 @@ class Structure:
 
     def __post_init__(self) -> None:
         height, width = checked_sides(self.height, self.width)
-        object.__setattr__(self, "height", height)
-        object.__setattr__(self, "width", width)
+        if height is not self.height or width is not self.width:
+            object.__setattr__(self, "height", height)
+            object.__setattr__(self, "width", width)
         if self.up & ~vertical_edges(self.height, self.width):
             raise ValueError("up: a passage leads out of the grid")
         if self.right & ~horizontal_edges(self.height, self.width):
@@ -146,7 +147,8 @@ class Structure:
 
     def digits(self) -> tuple[str, str]:
         """Return `up` and `right` as text, a digit per cell in order: 1 for a passage, else 0."""
-        return digits(self.up, self.cells), digits(self.right, self.cells)
+        cells = self.cells
+        return digits(self.up, cells), digits(self.right, cells)
 
     @cached_property
     def moves(self) -> list[Moves]:

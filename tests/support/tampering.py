@@ -20,8 +20,8 @@ from PIL import Image
 
 from labyrinth_core.data import COLUMNS, Dataset, Manifest
 from labyrinth_core.language import dump, parse
-from labyrinth_core.pictures import Painter, PictureDigest
-from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in, strips_of
+from labyrinth_core.pictures import PICTURE_SIZE, Painter, PictureDigest
+from labyrinth_core.pictures.png import strips_in, strips_of
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
