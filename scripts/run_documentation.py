@@ -40,8 +40,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override
 
 from pipeline.command.command_line import HYDRA, parsed, register
-from pipeline.command.composed import options_of, resolve
-from pipeline.command.method import CONF
+from pipeline.command.composed import CONF, options_of, resolve
 from pipeline.command.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]

@@ -27,8 +27,8 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core import hub
 from labyrinth_core.data import COLUMNS
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.learning.spec import WEIGHTS
-from labyrinth_core.policies.load import load_policy
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies import load_policy
 from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
@@ -59,7 +59,7 @@ def loaded(
         PublishError: The Hub returns something else than was published, or nothing.
     """
     has_datasets = repo_type == "dataset" and bool(front_matter.finished(folder))
-    if not has_datasets and not (folder / WEIGHTS).exists():
+    if not has_datasets and not (folder / PolicySpec.WEIGHTS).exists():
         return ""
     command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
     said, since = "", time.monotonic()
@@ -118,10 +118,10 @@ def _scratch() -> Iterator[Path]:
         with suppress(OSError), LocalFile(lock).locked(wait=False):
             LocalFile(lock.with_suffix("")).remove()
     with (
-        tempfile.TemporaryDirectory(prefix=PREFIX) as place,
-        LocalFile(Path(f"{place}.lock")).locked(),
+        tempfile.TemporaryDirectory(prefix=PREFIX) as folder,
+        LocalFile(Path(f"{folder}.lock")).locked(),
     ):
-        yield Path(place)
+        yield Path(folder)
 
 
 def _environment(home: Path) -> dict[str, str]:
@@ -148,7 +148,7 @@ def verify(source: str, commit: str | None, folder: Path) -> str:
         DatasetError, WrongAnswerError: The Hub returns something else than was published, or
             nothing.
     """
-    if (folder / WEIGHTS).exists():
+    if (folder / PolicySpec.WEIGHTS).exists():
         load_policy(source, revision=commit)
         return "the policy loads"
     described = front_matter.described(front_matter.finished(folder))
@@ -205,16 +205,16 @@ def check_config(
         names = f"{', '.join(splits)} instead of {', '.join(expected)}"
         raise DatasetError(f"{name}: the splits are {names}")
     for split, pattern in expected.items():
-        what, found = f"{name} {split}", splits[split]
+        what, rows = f"{name} {split}", splits[split]
         _tell(what)
-        for column, feature in found.features.items():
+        for column, feature in rows.features.items():
             if isinstance(feature, Image):
-                found = found.cast_column(column, Image(decode=False))
+                rows = rows.cast_column(column, Image(decode=False))
         first = _first_rows(folder, pattern)
-        if list(islice(found, len(first))) != first:
+        if list(islice(rows, len(first))) != first:
             raise DatasetError(f"{what}: the first rows are not those that were published")
-        if not streaming and len(found) != counts[split]:
-            told = f"there are {len(found)} rows instead of {counts[split]}"
+        if not streaming and len(rows) != counts[split]:
+            told = f"there are {len(rows)} rows instead of {counts[split]}"
             raise DatasetError(f"{what}: {told}")
 
 

@@ -19,9 +19,9 @@ import pyarrow.parquet as pq
 from PIL import Image
 
 from labyrinth_core.data import COLUMNS, Dataset, Manifest
-from labyrinth_core.language.text import dump, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in, strips_of
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.language import dump, parse
+from labyrinth_core.pictures import Painter, PictureDigest
+from labyrinth_core.pictures.png import PICTURE_SIZE, strips_in, strips_of
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
