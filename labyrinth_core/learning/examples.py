@@ -93,7 +93,7 @@ class ExampleSampler:
 
 
 def _replayed(arrays: LabyrinthArrays, number: int) -> Episode:
-    labyrinth = arrays.labyrinths[arrays.labyrinth[arrays.route_starts[number]]]
+    labyrinth = arrays.labyrinths[int(arrays.labyrinth[arrays.route_starts[number]])]
     return labyrinth.replay(arrays.routes[number].tolist())
 
 

@@ -29,8 +29,7 @@ from rich.table import Table
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.storage import AnyPath
-from labyrinth_core.storage import File
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job

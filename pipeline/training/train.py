@@ -20,12 +20,8 @@ import torch
 from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.learning import BaseSettings
-from labyrinth_core.learning import Learner
-from labyrinth_core.learning import PolicySpec
-from labyrinth_core.learning import Problem
-from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures import ObservationSpec
+from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import check
