@@ -59,7 +59,8 @@ def suggested(options: RunConfig, given: list[str]) -> list[str]:
     ("stages", "expected"),
     [
         (["build"], "Next, to check every row and describe the dataset: "),
-        *[(["build", "card"], "Next, to look at it in a browser: ")] * ("report" in STAGES),
+        *[(["build", "card"], "Next, to look at it in a browser: ")]
+        * ({"card", "report"} <= STAGES.keys()),
         *[(["train", "evaluate"], "Next, to compare it with others: ")] * ("results" in STAGES),
         (["validate"], None),
     ],
