@@ -1,4 +1,4 @@
-"""The check of an integer that a caller passes."""
+"""The check of an integer that a caller passes, and the limits of an option or a setting."""
 
 from __future__ import annotations
 
@@ -6,6 +6,22 @@ from contextlib import suppress
 from math import inf
 from numbers import Integral
 from operator import index
+from typing import Any, NamedTuple
+
+
+class Limits(NamedTuple):
+    """The values that a declared option, or a setting of a method, may have.
+
+    They are the entry `checks` in the metadata of its field.
+    """
+
+    at_least: float | None = None
+    """The minimum of a number; None leaves the number unchecked."""
+    at_most: float = inf
+    one_of: list[Any] = []  # noqa: RUF012
+    """The allowed values; of a number, those besides numbers."""
+    like: tuple[str, str] | None = None
+    """A regular expression for the whole text, and a phrase that says what to give."""
 
 
 def whole(

@@ -13,6 +13,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_origin, get_type_hints
 
+from labyrinth_core.checks import Limits
 from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
@@ -48,7 +49,7 @@ def option(
         is_local_folder: Whether the value is a folder on this machine, and not a URL.
     """
     like = _LOCAL_FOLDER if is_local_folder else like
-    metadata = {"meaning": meaning, "checks": (at_least, at_most, list(one_of), like)}
+    metadata = {"meaning": meaning, "checks": Limits(at_least, at_most, list(one_of), like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -121,7 +122,8 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             continue
         if "checks" not in each.metadata:
             continue
-        low, high, one_of, like = each.metadata["checks"]
+        limits: Limits = each.metadata["checks"]
+        low, high, one_of, like = limits
         name, value, kind = group + each.name, getattr(options, each.name), kinds[each.name]
         if kind is bool:
             check(isinstance(value, bool), f"{name}={value}: give true or false")

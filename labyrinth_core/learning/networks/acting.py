@@ -195,6 +195,8 @@ class LoadedPolicy(NetworkPolicy, TrainedPolicy):
 class LoadedMapper(MapperPolicy, TrainedPolicy):
     """The policy of a loaded mapper, for labyrinths of the size it was trained on."""
 
+    network: Mapper
+
     def __init__(self, network: Mapper, spec: PolicySpec) -> None:
         super().__init__(network, spec.network.height, spec.network.width)
         self.spec, self.resize = spec, spec.resize
