@@ -40,8 +40,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override
 
 from pipeline.command.command_line import HYDRA, parsed, register
-from pipeline.command.composed import options_of, resolve
-from pipeline.command.method import CONF
+from pipeline.command.composed import CONF, options_of, resolve
 from pipeline.command.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]
@@ -147,6 +146,8 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
     names: dict[str, Any] = {"__name__": "__main__"}
     blocks = list(BLOCK.finditer(page.read_text(encoding="utf-8")))
     register()
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # Python blocks import files that the page wrote, as at a prompt.
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for name in CLONE:

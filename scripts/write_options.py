@@ -41,7 +41,7 @@ defaults:
 def value_of(default: Any) -> str:
     """Return a default as YAML has it."""
     if isinstance(default, tuple):
-        return f"[{', '.join(default)}]"
+        return f"[{', '.join(map(str, default))}]"
     if default is None:
         return "null"
     if isinstance(default, bool):

@@ -8,9 +8,8 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, ClassVar, get_args, get_type_hints
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
+from labyrinth_core.language import parse_size
+from labyrinth_core.pictures import MAX_PICTURED_SIDE, PICTURE_SIZE, usual_wall_pixels
 from labyrinth_core.world import ALGORITHMS, Structure, Task
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
@@ -67,7 +66,7 @@ class DatasetConfig:
     sampler: str = _one_of(*ALGORITHMS)
     open_walls: float = _option(lambda p: 0 <= p <= 1, "give a probability from 0 to 1")
     buckets: tuple[int, int, int] = _option(
-        lambda shares: min(shares) >= 1 and sum(shares) == 100,
+        lambda shares: len(shares) == 3 and min(shares) >= 1 and sum(shares) == 100,
         "give three percentages of 1 or more that add up to 100",
     )
     """The percentages of all structures that may be in train, validation and test."""
@@ -94,9 +93,11 @@ class DatasetConfig:
                 f"size={size}: {MAX_PICTURED_SIDE} rows and columns at most fit the datasets' "
                 f"pictures of {PICTURE_SIZE} x {PICTURE_SIZE} pixels"
             )
-        for each in fields(self):
-            if "holds" in each.metadata and not each.metadata["holds"](getattr(self, each.name)):
-                raise ValueError(f"{self.given(each.name)}: {each.metadata['allowed']}")
+        for option in fields(self):
+            if "holds" in option.metadata and not option.metadata["holds"](
+                getattr(self, option.name)
+            ):
+                raise ValueError(f"{self.given(option.name)}: {option.metadata['allowed']}")
         if self.noise and self.solutions != "shortest":
             raise ValueError(
                 f"{self.given('noise')}: give solutions=shortest, not {self.solutions}"
@@ -127,12 +128,7 @@ class DatasetConfig:
     def given(self, name: str) -> str:
         """Return an option as written on the command line, such as `splits.min_walls=2`."""
         value = getattr(self, name)
-        if name == "buckets":
-            return " ".join(
-                f"buckets.{split}={share}"
-                for split, share in zip(SPLITS.sampled, value, strict=True)
-            )
-        shown = f"[{','.join(value)}]" if isinstance(value, tuple) else value
+        shown = f"[{','.join(map(str, value))}]" if isinstance(value, tuple) else value
         return f"{_COMMAND_LINE[name]}={shown}"
 
     def unusual_options(self) -> dict[str, Any]:

@@ -25,7 +25,7 @@ from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_def
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.learning.steps import parts_of
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 
 Acting = Callable[[NDArray[Any]], NDArray[np.float32]]
 """A policy as a function from B observations to the scores of the four actions, shape (B, 4)."""

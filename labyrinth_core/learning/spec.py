@@ -12,8 +12,8 @@ from typing import Any, ClassVar, TypedDict, TypeVar
 
 from labyrinth_core import typed
 from labyrinth_core.checks import Limits
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
 
 KIND = "labyrinth-policy"
@@ -223,7 +223,7 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.pictures.observations import RESIZES
+        from labyrinth_core.pictures import RESIZES
 
         content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")

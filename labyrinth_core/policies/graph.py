@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.policies import graph_process
 from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES
 from labyrinth_core.world import Action

@@ -14,7 +14,7 @@ from torch.optim import Optimizer
 
 from labyrinth_core.evaluation import check_policy
 from labyrinth_core.learning import BaseSettings, Learner, NetworkSpec, Problem
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8

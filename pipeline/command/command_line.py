@@ -20,8 +20,7 @@ from hydra.errors import MissingConfigException, OverrideParseException
 from hydra.plugins.search_path_plugin import SearchPathPlugin
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.command.composed import ALL, DEFAULTS, KINDS, OPTIONS, SECTIONS
-from pipeline.command.method import CONF, usual_settings
+from pipeline.command.composed import ALL, CONF, DEFAULTS, KINDS, OPTIONS, SECTIONS, usual_settings
 from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
 from pipeline.config.training import METHODS
@@ -122,38 +121,41 @@ def parsed(arguments: Sequence[str]) -> Namespace:
             dashed is None or dashed[1] not in OPTIONS,
             f"{each}: give each option as name=value, without dashes, such as size=5",
         )
-    given = get_args_parser().parse_intermixed_args([*arguments])
-    for each in given.overrides:
+    namespace = get_args_parser().parse_intermixed_args([*arguments])
+    for each in namespace.overrides:
         _check_override(each)
-    return given
+    return namespace
 
 
-def arranged(arguments: Sequence[str], given: Namespace) -> list[str]:
+def arranged(arguments: Sequence[str], namespace: Namespace) -> list[str]:
     """Return a command line with its options before its flags; Hydra takes none after a flag.
 
     `--cfg job` is left out, because Hydra would not show texts as they are typed; the caller does.
 
     Args:
         arguments: The command line.
-        given: What `parsed` returned for it.
+        namespace: What `parsed` returned for it.
     """
-    if shows_job(given):
+    if shows_job(namespace):
         places = ("config_path", "config_name", "config_dir")
-        named = {f"--{each.replace('_', '-')}": getattr(given, each) for each in places}
-        return [*given.overrides, *(f"{each}={value}" for each, value in named.items() if value)]
-    rest, flags = [*given.overrides], []
+        named = {f"--{each.replace('_', '-')}": getattr(namespace, each) for each in places}
+        return [
+            *namespace.overrides,
+            *(f"{each}={value}" for each, value in named.items() if value),
+        ]
+    rest, flags = [*namespace.overrides], []
     for each in arguments:
         if rest and each == rest[0]:
             del rest[0]
         else:
             flags.append(each)
-    return [*given.overrides, *flags]
+    return [*namespace.overrides, *flags]
 
 
-def shows_job(given: Namespace) -> bool:
+def shows_job(namespace: Namespace) -> bool:
     """Return whether a command line only asks for `--cfg job`."""
     others = ("run", "multirun", "shell_completion", "info", "help", "hydra_help")
-    return given.cfg == "job" and not any(getattr(given, each) for each in others)
+    return namespace.cfg == "job" and not any(getattr(namespace, each) for each in others)
 
 
 def shown(config: DictConfig, package: str | None, resolve: bool) -> str:
@@ -215,8 +217,8 @@ def _no_option(name: str) -> str:
 def refusal(error: Exception) -> str:
     """Return one line that explains why Hydra refused a command line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
-        group, _, given = error.missing_cfg_file.partition("/")
-        return f"{group}={given}: choose one of {listed(error.options)}"
+        group, _, chosen = error.missing_cfg_file.partition("/")
+        return f"{group}={chosen}: choose one of {listed(error.options)}"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown and unknown[1] in OPTIONS:
@@ -248,5 +250,8 @@ def refusal(error: Exception) -> str:
         return message
     kind = KINDS.get(field_name[1])
     kinds = {kind, *get_args(kind)}
-    what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
+    if get_origin(kind) is tuple:
+        what = "a list"
+    else:
+        what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
     return f"{field_name[1]}: give {what} ({message})"

@@ -1,28 +1,37 @@
 """The options of a command line, and the jobs that its stages are given.
 
-Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pipeline trusts.
+Hydra and OmegaConf stop here: `resolve` returns objects that the rest of the pipeline trusts. The
+method is a file of the group `method`, or a class of the user: `_target_` is the dotted name of a
+class, as `hydra.utils.get_class` reads it. Records and tables call a method `bc` if it is one of
+ours, and `mine:Method` if it is the class `mine.Method`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+import re
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import MISSING, Field, dataclass, fields, is_dataclass, make_dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_type_hints
 
+import yaml
 from omegaconf import DictConfig, OmegaConf
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.storage import folder_at
 from pipeline.command.dataset import DatasetOptions, dataset_config
-from pipeline.command.method import chosen_method
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError, check, literal
+from pipeline.config.errors import ConfigError, check, literal, no_option
 from pipeline.config.option import check_options, frozen, option
 from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
 from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
+from pipeline.config.training import METHODS, TrainingOptions
+
+_INSTALLED = Path(__file__).parents[1] / "conf"
+CONF = (_INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf").absolute()
+"""Hydra's configuration folder: in the installed package, or else in the clone."""
 
 Options = TypeVar("Options")
 
@@ -88,8 +97,9 @@ def default_of(each: Field[Any]) -> str:
     if each.default_factory is not MISSING:
         default = each.default_factory()["name"]
     if isinstance(default, tuple):
-        _, _, one_of, _ = each.metadata["checks"]
-        every = bool(default) and [*default] == one_of
+        every = bool(default) and [*default] == each.metadata["checks"].one_of
+        if default and not isinstance(default[0], str):
+            return f"[{','.join(map(str, default))}]"
         return "all" if every else ",".join(default)
     if default is None:
         return ""
@@ -129,6 +139,8 @@ DEFAULTS = {name: default_of(each) for name, each, _ in declared(ALL)}
 KINDS = {name: kind for name, _, kind in declared(ALL)}
 """The declared type of each option."""
 
+GROUPS = {name.partition(".")[0] for name in KINDS}
+"""The options, and the groups of options; other names of a command line are Hydra's."""
 
 SHARED = {each.name for cls in (DatasetOptions, CommandOptions) for each in fields(cls)} - {
     "stages"
@@ -169,6 +181,47 @@ def unused(names: Iterable[str], options: Any) -> dict[str, tuple[str, ...]]:
 def names_in(overrides: Iterable[str]) -> list[str]:
     """Return the names of the options in overrides such as `+publish.version=1.0.0`."""
     return [each.lstrip("+~").partition("=")[0] for each in overrides]
+
+
+@cache
+def usual_settings(name: str) -> Mapping[str, Any]:
+    """Return the settings of a method in its file of the group `method`, with their values."""
+    text = (CONF / "method" / f"{name}.yaml").read_text(encoding="utf-8")
+    return {key: value for key, value in yaml.safe_load(text).items() if key != "_target_"}
+
+
+def chosen_method(values: Mapping[str, Any], typed: Container[str]) -> dict[str, Any]:
+    """Return the name of a method in records, and the settings that were chosen for it.
+
+    A setting is chosen if the command line gives it, or has another value than in the method's own
+    file; those of a user's method all are. The others are not compared with a run's when the run is
+    evaluated.
+
+    Args:
+        values: `_target_` and the settings, as composed.
+        typed: The names of the options that the command line gives, such as `method.epochs`.
+
+    Raises:
+        ConfigError: The class is missing or is not a dotted name, or a setting does not exist.
+    """
+    settings = {key: value for key, value in values.items() if key != "_target_"}
+    target = str(values.get("_target_", ""))
+    check(
+        re.fullmatch(r"\w+(\.\w+)+", target) is not None,
+        f"method._target_={target}: give the class of a method as module.Class",
+    )
+    name = TrainingOptions.name_of(target)
+    if name in METHODS:
+        usual = usual_settings(name)
+        for key in settings:
+            known = [f"method.{each}" for each in usual]
+            check(key in usual, no_option(f"method.{key}", known))
+        settings = {
+            key: value
+            for key, value in settings.items()
+            if value != usual[key] or f"method.{key}" in typed
+        }
+    return {"name": name, **settings}
 
 
 def options_of(config: DictConfig, overrides: Iterable[str] = ()) -> Any:
@@ -220,10 +273,6 @@ def resolve(
         ConfigError: A value is invalid; the message says what was given and what is allowed.
     """
     check_options(options, CommandOptions)
-    check(
-        options.executor_address is None or options.executor != "local",
-        f"executor_address={options.executor_address}: executor=local has no address",
-    )
     try:
         data_dir = folder_at(options.data_dir)
     except ValueError as error:

@@ -5,24 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from labyrinth_core.data import SPLITS, DatasetConfig
-from labyrinth_core.language.source_text import parse_size
+from labyrinth_core.language import parse_size
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Task, default_open_walls
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option
 
 ALL_SHIFTS = "all"
 """The value of `shifts` that stands for every shift that the other options allow."""
-
-
-@dataclass(frozen=True)
-class BucketsConfig:
-    """The share of structures for each split; keep it the same in datasets to compare."""
-
-    train: int = option(BUCKETS.train, "percent of all structures that may be in train")
-    validation: int = option(
-        BUCKETS.validation, "percent of all structures that may be in validation"
-    )
-    test: int = option(BUCKETS.test, "percent of all structures that may be in test")
 
 
 @dataclass(frozen=True)
@@ -69,7 +58,11 @@ class DatasetOptions:
         "probability of opening each wall that the spanning tree leaves (0.12 at 3x3, 0.09 at "
         "4x4, else 0.08)",
     )
-    buckets: BucketsConfig = BucketsConfig()
+    buckets: tuple[int, ...] = option(
+        BUCKETS,
+        "percent of all structures that may be in train, in validation and in test; keep it the "
+        "same in datasets to compare",
+    )
     splits: SplitsConfig = SplitsConfig()
     shifts: tuple[str, ...] = option(
         (),
@@ -99,7 +92,6 @@ def dataset_config(options: DatasetOptions) -> DatasetConfig:
         values = {each.name: getattr(options, each.name) for each in fields(DatasetOptions)}
         height, width = parse_size(values.pop("size"))
         values |= vars(values.pop("splits")) | vars(values.pop("demonstrations"))
-        values["buckets"] = tuple(vars(options.buckets).values())
         values["task"] = Task(options.task)
         if options.labyrinths is None:
             values["labyrinths"] = 32 if (height, width) == (3, 3) else 100

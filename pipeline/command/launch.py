@@ -5,12 +5,16 @@ from __future__ import annotations
 import os
 import sys
 import traceback
+from argparse import Namespace
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import hydra
+from hydra._internal.hydra import Hydra
 from hydra.core.hydra_config import HydraConfig
 from hydra.errors import HydraException
 from hydra.types import RunMode
@@ -20,7 +24,7 @@ from yaml import YAMLError
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.terminal import printable
 from labyrinth_core.version import __version__
 from pipeline.command.command_line import (
     HYDRA,
@@ -33,7 +37,7 @@ from pipeline.command.command_line import (
     shown,
     shows_job,
 )
-from pipeline.command.composed import as_file, names_in, options_of, resolve, unused
+from pipeline.command.composed import CONF, GROUPS, as_file, names_in, options_of, resolve, unused
 from pipeline.command.ending import (
     FAULTS_OF_DISKS,
     answer_signals,
@@ -43,7 +47,6 @@ from pipeline.command.ending import (
     show_start,
 )
 from pipeline.command.hints import next_command
-from pipeline.command.method import CONF
 from pipeline.command.stages import STAGES
 from pipeline.command.texts import as_given, overrides_of
 from pipeline.config.errors import ConfigError
@@ -105,21 +108,42 @@ def run_command() -> int:
 
 def _launch() -> None:
     """Let Hydra read the command line, and run `perform` or, for `--cfg job`, print its options."""
-    given = parsed(sys.argv[1:])
-    if given.help and not given.hydra_help:  # Hydra would read every file of every group first.
+    namespace = parsed(sys.argv[1:])
+    # Hydra would read every file of every group first.
+    if namespace.help and not namespace.hydra_help:
         print(help_text())
         return
     register()
-    sys.argv[1:] = arranged(sys.argv[1:], given)
-    own = given.config_dir and given.config_name
-    Folders.first = str(Path(given.config_dir).absolute()) if own else None
+    sys.argv[1:] = arranged(sys.argv[1:], namespace)
+    own = namespace.config_dir and namespace.config_name
+    Folders.first = str(Path(namespace.config_dir).absolute()) if own else None
 
     def show(config: DictConfig) -> None:
         config = as_given(config, overrides_of(HydraConfig.get()))
-        print(shown(config, given.package, given.resolve), end="")
+        print(shown(config, namespace.package, namespace.resolve), end="")
 
-    task = show if shows_job(given) else perform
-    hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
+    task = show if shows_job(namespace) else perform
+    with _composed_once(namespace):
+        hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
+
+
+@contextmanager
+def _composed_once(namespace: Namespace) -> Iterator[None]:
+    """Tell Hydra within the context that a command line asks for one run, if that is certain.
+
+    Hydra would compose the whole configuration to read `hydra.mode` in it, and then compose it
+    again for the run, which takes 3% of `python run.py size=5`. Only a flag, an override of other
+    options than ours, or a file of the user can ask for a sweep.
+    """
+    flags = (namespace.multirun, namespace.config_dir, namespace.config_path, namespace.config_name)
+    typed = {name.partition(".")[0] for name in names_in(namespace.overrides)}
+    asked = Hydra.get_mode
+    if typed <= GROUPS and not any(flags):
+        Hydra.get_mode = lambda *_, **__: RunMode.RUN  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        Hydra.get_mode = asked  # type: ignore[method-assign]
 
 
 def _is_raised_by_hydra(error: Exception) -> bool:
@@ -150,11 +174,11 @@ def _outcome(config: DictConfig) -> float | None:
 
     That is the success rate on validation of a run that trains; None for other runs.
     """
-    given = overrides_of(HydraConfig.get())
-    typed = names_in(given)
+    overrides = overrides_of(HydraConfig.get())
+    typed = names_in(overrides)
     try:
-        config = as_given(config, given)
-        options = options_of(config, given)
+        config = as_given(config, overrides)
+        options = options_of(config, overrides)
     except OmegaConfBaseException as error:
         raise ConfigError(refusal(error)) from error
     if lost := unused(typed, options):
@@ -168,17 +192,16 @@ def _outcome(config: DictConfig) -> float | None:
     answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
     show_start(started=True)
     objective = None
-    place = options.executor_address, options.executor_wait
-    with cluster(options.executor, options.workers, *place):
+    with cluster(options.executor, options.workers):
         for stage, job in jobs.items():
-            found = modules[stage].run(job)
-            objective = objective if found is None else found
+            result = modules[stage].run(job)
+            objective = objective if result is None else result
     *_, (stage, job) = jobs.items()
     match STAGES[stage].next_step(job, [*jobs]):
         case (line,):
             say(line)
         case (added, purpose):
-            if line := next_command(options, added, purpose, given, _flags()):
+            if line := next_command(options, added, purpose, overrides, _flags()):
                 say(line)
     return objective
 

@@ -23,12 +23,8 @@ WINGS = (
 """The folders whose `options.py` declares `STAGES`."""
 
 
-def _declared() -> dict[str, Stage]:
-    stages: dict[str, Stage] = {}
-    for wing in WINGS:
-        stages |= import_module(f"pipeline.{wing}.options").STAGES
-    return stages
-
-
-STAGES = _declared()
+STAGES: dict[str, Stage] = {}
 """Stage -> its declaration, in the order of `--help`."""
+
+for wing in WINGS:
+    STAGES |= import_module(f"pipeline.{wing}.options").STAGES

@@ -11,7 +11,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from copy import deepcopy
-from typing import Any, get_origin
+from typing import Any
 
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.experimental.callback import Callback
@@ -42,7 +42,7 @@ def quote_texts(override: str) -> str:
     def in_quotes(match: re.Match[str]) -> str:
         before, key, word = match["before"], match["key"], match["word"]
         kind = KINDS.get(f"{name}.{key}" if key else name)
-        several, text = get_origin(kind) is tuple, kind in (str, str | None)
+        several, text = kind == tuple[str, ...], kind in (str, str | None)
         if word is None or not (several or text):
             return match[0]
         read = parser.parse_rule(word, "primitive")
@@ -68,9 +68,9 @@ def as_given(config: DictConfig, overrides: Iterable[str]) -> DictConfig:
         config: The configuration that Hydra composed.
         overrides: The overrides that it was composed from, as Hydra kept them.
     """
-    given = [*overrides]
-    quoted = [*map(quote_texts, given)]
-    if quoted == given:
+    typed = [*overrides]
+    quoted = [*map(quote_texts, typed)]
+    if quoted == typed:
         return config
     config = deepcopy(config)
     groups = {name.partition(".")[0] for name in KINDS if "." in name}

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
 from pathlib import Path
-from typing import Any, TypeVar, cast, get_origin, get_type_hints
+from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from labyrinth_core.checks import Limits
 from pipeline.config.errors import ConfigError, check, listed, no_option
@@ -19,10 +19,7 @@ from pipeline.config.errors import ConfigError, check, listed, no_option
 Options = TypeVar("Options")
 
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
-DATASET_AND_CONFIG = (
-    r"(.*[^/]/\d+x\d+(-\w+)?/?)?",
-    "a dataset and its config, such as data/other/4x6",
-)
+_DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6")
 """Patterns of values, and what they allow in words."""
 
 
@@ -35,6 +32,7 @@ def option(
     one_of: Iterable[object] = (),
     like: tuple[str, str] | None = None,
     is_local_folder: bool = False,
+    is_dataset: bool = False,
 ) -> Any:
     """Return the field that declares an option.
 
@@ -47,9 +45,10 @@ def option(
             of them; it may be empty only if its default is.
         like: A regular expression for the whole text, and a phrase that says what to give.
         is_local_folder: Whether the value is a folder on this machine, and not a URL.
+        is_dataset: Whether the value is a folder of datasets or an id on the Hub, with a config.
     """
-    like = _LOCAL_FOLDER if is_local_folder else like
-    metadata = {"meaning": meaning, "checks": Limits(at_least, at_most, list(one_of), like)}
+    like = _LOCAL_FOLDER if is_local_folder else _DATASET if is_dataset else like
+    metadata = {"meaning": meaning, "checks": Limits(at_least, at_most, [*one_of], like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -73,16 +72,18 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
 def _value(name: str, value: Any, kind: Any) -> Any:
     """Return a value in its option's declared type; raise a ConfigError if it does not fit.
 
-    For a list, a single text is accepted.
+    For a list of texts, a single text is accepted.
     """
     if is_dataclass(kind) or get_origin(kind) is dict:
         check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
         return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
     if get_origin(kind) is tuple:
-        texts = [value] if isinstance(value, str) else value
-        fits = isinstance(texts, list) and all(isinstance(each, str) for each in texts)
-        check(fits, f"{name}={value}: give a list of texts")
-        return tuple(texts)
+        of = get_args(kind)[0]
+        values = [value] if isinstance(value, str) and of is str else value
+        fits = isinstance(values, list) and all(type(item) is of for item in values)
+        what = "texts" if of is str else "whole numbers"
+        check(fits, f"{name}={value}: give a list of {what}")
+        return tuple(values)
     if kind is bool:
         check(str(value).lower() in ("true", "false"), f"{name}={value}: give true or false")
         return str(value).lower() == "true"
@@ -122,8 +123,8 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             continue
         if "checks" not in each.metadata:
             continue
-        limits: Limits = each.metadata["checks"]
-        low, high, one_of, like = limits
+        checks: Limits = each.metadata["checks"]
+        low, one_of, like = checks.at_least, checks.one_of, checks.like
         name, value, kind = group + each.name, getattr(options, each.name), kinds[each.name]
         if kind is bool:
             check(isinstance(value, bool), f"{name}={value}: give true or false")
@@ -138,8 +139,9 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
         elif low is not None and (value is not None or kind in (int, float)):
             number = type(value) is int or (kind is float and isinstance(value, float))
             what = "a number" if kind is float else "a whole number"
+            high = checks.at_most
             limits = f", {low:,} or more" if high == inf else f" from {low:,} to {high:,}"
-            others = f", or {', '.join(one_of)}" if one_of else ""
+            others = f", or {', '.join(map(str, one_of))}" if one_of else ""
             check(
                 value in one_of or (number and low <= value <= high and value != inf),
                 f"{name}={value}: give {what}{limits}{others}",

@@ -17,13 +17,13 @@ class WorkOptions:
     )
     workers: int = option(1, "number of processes", at_least=1, at_most=1_000)
     executor: str = option(
-        "local", "where processes run: local (this machine) or dask", one_of=("local", "dask")
-    )
-    executor_address: str | None = option(
-        None, "address of a running Dask cluster; without it, one is started for the run"
-    )
-    executor_wait: int = option(
-        600, "most seconds to wait for the first worker of that cluster", at_least=1
+        "local",
+        "where processes run: local (this machine), dask (a new Dask cluster), or the address of a "
+        "running one, such as tcp://host:8786",
+        like=(
+            r"local|dask|\S+:\S+",
+            "local, dask, or the address of a Dask cluster, such as tcp://host:8786",
+        ),
     )
 
 

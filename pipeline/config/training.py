@@ -155,11 +155,10 @@ class TrainingOptions(SourceOptions, RunFolderOption):
 
     def check_observation(self) -> None:
         """Raise a ConfigError if the library has no such observation."""
-        from labyrinth_core.pictures.observations import KINDS
+        from labyrinth_core.pictures import OBSERVATIONS
 
-        known = ("image", *KINDS)
         seen = self.observation
-        check(seen in known, f"observation={seen}: choose one of {listed(known)}")
+        check(seen in OBSERVATIONS, f"observation={seen}: choose one of {listed(OBSERVATIONS)}")
 
     def check_training(self) -> None:
         """Raise a ConfigError if an option for training is invalid, or a library is missing."""

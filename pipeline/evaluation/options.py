@@ -9,9 +9,9 @@ from typing import Any
 from labyrinth_core import typed
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, RunName
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from pipeline.config.errors import check
-from pipeline.config.option import DATASET_AND_CONFIG, option
+from pipeline.config.option import option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 from pipeline.config.training import TrainingOptions
@@ -89,7 +89,7 @@ class EvaluateOptions(TrainingOptions, WorkOptions):
         "",
         "another dataset to evaluate the trained policy on, such as data/other/4x6, or "
         "user/name/4x6 on the Hub",
-        like=DATASET_AND_CONFIG,
+        is_dataset=True,
     )
     evaluation: EvaluationOptions = field(default_factory=EvaluationOptions)
 

@@ -28,7 +28,9 @@ from rich.table import Table
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.storage import AnyPath
+from labyrinth_core.folders import WholeFolder
+from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
@@ -47,9 +49,8 @@ from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held, new_file
+from pipeline.machinery.folders import held
 from pipeline.machinery.markdown import count
-from pipeline.machinery.versions import build_versions
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
@@ -137,27 +138,25 @@ def _existing(job: Job[BuildOptions]) -> Dataset | None:
     if not (folder / Manifest.FILE).is_file():
         return None
     data = Dataset.at(folder, renamed=True)  # The message below names what differs.
-    there, asked = data.manifest.config, job.dataset
+    old, asked = data.manifest.config, job.dataset
     differing = "; ".join(
-        f"{there.given(each.name)}, not {asked.given(each.name)}"
-        for each in fields(there)
-        if getattr(there, each.name) != getattr(asked, each.name)
+        f"{old.given(each.name)}, not {asked.given(each.name)}"
+        for each in fields(old)
+        if getattr(old, each.name) != getattr(asked, each.name)
     )
-    same = replace(there, labyrinths=asked.labyrinths, shifts=asked.shifts) == asked
-    more = there.labyrinths <= asked.labyrinths and {*there.shifts} <= {*asked.shifts}
-    can_grow = same and more and isinstance(folder, Path)
+    same = replace(old, labyrinths=asked.labyrinths, shifts=asked.shifts) == asked
+    more = old.labyrinths <= asked.labyrinths and {*old.shifts} <= {*asked.shifts}
+    can_grow = same and more and WholeFolder.of(folder, Manifest.FILE).is_replaced_at_once
     if differing and can_grow and not job.options.grow:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
             f"another data_dir{_what_refers_to(data.manifest, job)}"
         )
     if differing and same and not more and job.options.grow:
-        shifts = ",".join(
-            shift for shift in SPLITS.shifts if shift in {*there.shifts, *asked.shifts}
-        )
+        shifts = ",".join(shift for shift in SPLITS.shifts if shift in {*old.shifts, *asked.shifts})
         raise DatasetError(
             f"{folder} holds a dataset with {differing}: to extend it, give all it is to have, "
-            f"labyrinths={max(there.labyrinths, asked.labyrinths)} 'shifts=[{shifts}]'"
+            f"labyrinths={max(old.labyrinths, asked.labyrinths)} 'shifts=[{shifts}]'"
         )
     if differing and not can_grow:
         raise DatasetError(
@@ -172,10 +171,10 @@ def _what_refers_to(manifest: Manifest, job: Job[BuildOptions]) -> str:
     folders = Path(job.options.run_dir) / manifest.config.name, Path(job.options.results_dir)
     files = chain.from_iterable(folder.expanduser().rglob("*.json") for folder in folders)
     mark = manifest.fingerprint.encode()
-    found = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
-    more = f" and {len(found) - 2} more" if len(found) > 2 else ""
-    refers = f"{', '.join(sorted(found)[:2])}{more} would refer to a dataset that is gone"
-    return f"; {refers}" if found else ""
+    referring = [str(path) for path in files if path.is_file() and mark in path.read_bytes()]
+    more = f" and {len(referring) - 2} more" if len(referring) > 2 else ""
+    refers = f"{', '.join(sorted(referring)[:2])}{more} would refer to a dataset that is gone"
+    return f"; {refers}" if referring else ""
 
 
 @dataclass(frozen=True)
@@ -204,16 +203,16 @@ class Build:
         sampled = sample(config, candidates)
         size = max(1, self.cells_per_shard // (config.height * config.width))
         shards = -(-config.labyrinths // size)
-        there = {} if existing is None else _shards_there(existing, sampled.structures)
+        reusable = {} if existing is None else _shards_there(existing, sampled.structures)
         jobs = []
         for split in config.splits:
             of_split = sampled.structures[SPLITS[split].parent or split]
             for first in range(0, config.labyrinths, size):
                 structures = of_split[first : first + size]
                 name = f"{split}-{first // size:05d}-of-{shards:05d}.parquet"
-                found = there.get((split, structures["id"].tobytes()))
+                reused = reusable.get((split, structures["id"].tobytes()))
                 path = self.workplace.shards / name
-                jobs.append(ShardJob(config, split, first, structures, path, building, found))
+                jobs.append(ShardJob(config, split, first, structures, path, building, reused))
         if existing is not None:
             stay = sum(job.there is not None for job in jobs)
             say(f"{self.job.folder} grows: {stay} of {count(len(jobs), 'shard')} stay.")
@@ -273,9 +272,9 @@ class Build:
         }
         self.workplace.begin(self.job.dataset)
         jobs = [
-            replace(job, path=there.path, there=there)
+            replace(job, path=old.path, there=old)
             for job in self.plan()[0]
-            if (there := again.get(job.path.name))
+            if (old := again.get(job.path.name))
         ]
         made = {shard.path for shard in self.made(jobs)}
         if missing := [name for name in again if name not in made]:
@@ -293,8 +292,8 @@ class Build:
     def _joined(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
         """Return the shards that parts have finished; raise DatasetError if one is missing."""
         parts = self.workplace.parts or 1
-        found = list(ordered_map(finished, jobs, self.job.options.workers))
-        missing = [number for number, shard in enumerate(found) if shard is None]
+        shards = list(ordered_map(finished, jobs, self.job.options.workers))
+        missing = [number for number, shard in enumerate(shards) if shard is None]
         if missing:
             of = list(dict.fromkeys(f"{number % parts or parts}/{parts}" for number in missing))
             more = f" and {len(of) - 8} others" if len(of) > 8 else ""
@@ -303,7 +302,7 @@ class Build:
                 f"of part {', '.join(of[:8])}{more}; this command with part={of[0]} makes the "
                 "first of them"
             )
-        return tuple(shard for shard in found if shard is not None)
+        return tuple(shard for shard in shards if shard is not None)
 
     def _tabulate(self, folder: AnyPath, jobs: Sequence[ShardJob], manifest: Manifest) -> Manifest:
         """Write the table of labyrinths from the sidecars of the shards.
@@ -317,7 +316,7 @@ class Build:
         Returns:
             The manifest with the table.
         """
-        with new_file(folder / Manifest.TABLE, self.workplace.building) as path:
+        with File(folder / Manifest.TABLE).replacing(self.workplace.building) as path:
             sidecars = map(Sidecar.read, jobs)
             parts = ((sidecar.shard, sidecar.facts) for sidecar in sidecars)
             write_table(path, self.job.dataset, parts)
@@ -344,7 +343,7 @@ def _shards_there(
             the shorter one is missing or damaged.
     """
     ids, row = structures_in(data), 0
-    there: dict[tuple[str, bytes], ShardThere] = {}
+    by_structures: dict[tuple[str, bytes], ShardThere] = {}
     of_shards: dict[str, list[NDArray[np.int64]]] = {}
     for split in data.manifest.config.splits:
         own, begin = of_shards.setdefault(split, []), row
@@ -352,7 +351,7 @@ def _shards_there(
             end = row + file.shard.labyrinths
             own.append(ids[row:end])
             of_parent = of_shards[SPLITS[split].parent or split][len(own) - 1]
-            there[split, of_parent.tobytes()] = ShardThere(file.path, file.shard, row)
+            by_structures[split, of_parent.tobytes()] = ShardThere(file.path, file.shard, row)
             row = end
         if SPLITS[split].parent is None:
             longer = structures[split]["id"]
@@ -361,7 +360,7 @@ def _shards_there(
                     f"{data.folder} holds labyrinths that are not in the dataset with more "
                     "labyrinths or shifts: choose another data_dir, or give overwrite=true"
                 )
-    return there if dict(data.manifest.versions) == build_versions() else {}
+    return by_structures if dict(data.manifest.versions) == build_versions() else {}
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
@@ -377,12 +376,12 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
 
 def _loading_line(job: Job[BuildOptions]) -> str:
     """Return the line of Python that loads the dataset of a run."""
-    place = str(job.data_dir)
+    folder = str(job.data_dir)
     whole = str(job.data_dir.absolute())
     # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
     is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
-    load = "load_transitions" if is_strange or "://" in place else "load_dataset"
-    return f"{load}({place!r}, {job.dataset.name!r})"
+    load = "load_transitions" if is_strange or "://" in folder else "load_dataset"
+    return f"{load}({folder!r}, {job.dataset.name!r})"
 
 
 def _report_cut(manifest: Manifest) -> None:

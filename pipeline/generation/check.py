@@ -20,8 +20,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.collection import is_litter
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import build_versions
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.generation.check_rows import (
@@ -42,11 +43,10 @@ from pipeline.generation.table import (
     read_schema,
     table_part,
 )
-from pipeline.inspection.companions import companions
+from pipeline.inspection.companions import Companion
 from pipeline.inspection.counts import routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.versions import build_versions
 
 PROBLEMS_SHOWN = 20
 
@@ -73,7 +73,7 @@ def run(job: Job[WorkOptions]) -> None:
     problems = validate(data, workers)
     rows = sum(shard.rows for shard in data.manifest.shards)
     valid = [f"{job.folder} is valid: {rows:,} rows replayed."]
-    for kind in companions():
+    for kind in Companion.kinds():
         if (made := kind.of(job.data_dir, data.manifest)) is not None:
             problems += kind.problems(data, made, workers)
             rows = sum(shard.rows for shard in made.manifest.shards)
@@ -307,13 +307,13 @@ def table_problems(job: CheckJob, facts: Facts, first: int) -> Iterator[str]:
     import pyarrow as pa
 
     try:
-        found = table_part(job.file.folder / Manifest.TABLE, first, len(facts))
+        part = table_part(job.file.folder / Manifest.TABLE, first, len(facts))
     except (OSError, ValueError, pa.ArrowException) as error:
         yield f"{Manifest.TABLE} cannot be read: {one_line(error)}"
         return
     expected = facts_table(job.config, job.shard.split, facts, job.first_row)
     for name in expected.column_names:
-        pairs = zip(found[name].to_pylist(), expected[name].to_pylist(), strict=True)
+        pairs = zip(part[name].to_pylist(), expected[name].to_pylist(), strict=True)
         for row, (value, right) in enumerate(pairs, first):
             if value != right:
                 row_name = f"{Manifest.TABLE} row {row} {name}"

@@ -185,9 +185,9 @@ def _worth_changing(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[tup
     from_start, to_goal = structure.distances(labyrinth.start), labyrinth.cell_distances
     moves = Solver(labyrinth).moves
     for cell, beside in walls(structure):
-        there = from_start[cell] + 1 + to_goal[beside]
+        moves_through = from_start[cell] + 1 + to_goal[beside]
         back = from_start[beside] + 1 + to_goal[cell]
-        if not labyrinth.task.rules.is_reversible or min(there, back) < moves:
+        if not labyrinth.task.rules.is_reversible or min(moves_through, back) < moves:
             yield cell, beside
 
 

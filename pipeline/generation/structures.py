@@ -69,19 +69,19 @@ def sample(config: DatasetConfig, candidates: Candidates | None = None) -> Sampl
         ConfigError: The sampler found too few structures.
     """
     candidates = candidates or Candidates(config)
-    found = dict.fromkeys(SPLITS.sampled, 0)
+    counts = dict.fromkeys(SPLITS.sampled, 0)
     if config.min_walls == 1:  # The buckets alone keep the splits apart.
-        taken, last = _fill(config, candidates, found, SPLITS.sampled)
+        taken, last = _fill(config, candidates, counts, SPLITS.sampled)
     else:
         size = config.height, config.width
         near = {
             split: Neighbourhood(*size, config.min_walls - 1, config.labyrinths)
             for split in SPLITS.sampled
         }
-        train, last_of_train = _fill(config, candidates, found, SPLITS.sampled[:1])
+        train, last_of_train = _fill(config, candidates, counts, SPLITS.sampled[:1])
         for structure in unpack(config, train["train"]):
             near["train"].add(structure)
-        others, last = _fill(config, candidates, found, SPLITS.sampled[1:], near)
+        others, last = _fill(config, candidates, counts, SPLITS.sampled[1:], near)
         taken, last = train | others, max(last, last_of_train)
     if selected_shifts(config):
         taken |= selected(config, taken)
@@ -91,7 +91,7 @@ def sample(config: DatasetConfig, candidates: Candidates | None = None) -> Sampl
 def _fill(
     config: DatasetConfig,
     candidates: Candidates,
-    found: dict[str, int],
+    counts: dict[str, int],
     splits: Sequence[str],
     near: Mapping[str, Neighbourhood] | None = None,
 ) -> tuple[dict[str, Records], int]:
@@ -100,7 +100,7 @@ def _fill(
     Args:
         config: The configuration of the dataset.
         candidates: Its candidates.
-        found: Split -> the number of structures found; this is updated.
+        counts: Split -> the number of structures found; this is updated.
         splits: The splits to fill.
         near: Split -> its structures, which other splits must not be near to; this is updated.
     """
@@ -108,36 +108,36 @@ def _fill(
     taken = {split: [np.empty(0, record_type(config))] for split in splits}
     known = np.empty(0, np.int64)
     drawn = last = 0
-    while any(found[split] < config.labyrinths for split in splits):
+    while any(counts[split] < config.labyrinths for split in splits):
         if drawn - last > Drawing.PATIENCE:
-            raise _not_enough(config, found)
-        records = candidates.after(drawn, _expected(config, found, splits, drawn))
+            raise _not_enough(config, counts)
+        records = candidates.after(drawn, _expected(config, counts, splits, drawn))
         fit = np.flatnonzero(np.isin(records["split"], [*places.values()]))
         _, first = np.unique(records["id"][fit], return_index=True)
         fresh = fit[np.sort(first)]
         fresh = fresh[~np.isin(records["id"][fresh], known)]
         known = np.concatenate([known, records["id"][fresh]])
         if near:
-            fresh = _far_enough(config, records, fresh, found, near)
+            fresh = _far_enough(config, records, fresh, counts, near)
         for split, place in places.items():
-            mine = fresh[records["split"][fresh] == place][: config.labyrinths - found[split]]
+            mine = fresh[records["split"][fresh] == place][: config.labyrinths - counts[split]]
             if len(mine):
                 taken[split].append(records[mine])
-                found[split] += len(mine)
+                counts[split] += len(mine)
                 last = max(last, drawn + int(mine[-1]) + 1)
         drawn += len(records)
     return {split: np.concatenate(parts) for split, parts in taken.items()}, last
 
 
 def _expected(
-    config: DatasetConfig, found: Mapping[str, int], splits: Sequence[str], drawn: int
+    config: DatasetConfig, counts: Mapping[str, int], splits: Sequence[str], drawn: int
 ) -> int:
     """Return the number of further candidates that are likely to fill some splits."""
     expected = 1
     for split in splits:
         share = config.buckets[SPLITS.sampled.index(split)] / 100
-        missing = config.labyrinths - found[split]
-        likely = missing * (drawn + 1) / (found[split] + share)
+        missing = config.labyrinths - counts[split]
+        likely = missing * (drawn + 1) / (counts[split] + share)
         # At least `missing / share` are needed, unless the sampler gives up first.
         expected = max(expected, ceil(min(likely, max(missing / share, Drawing.PATIENCE))))
     return expected
@@ -147,7 +147,7 @@ def _far_enough(
     config: DatasetConfig,
     records: Records,
     fresh: NDArray[np.int64],
-    found: Mapping[str, int],
+    counts: Mapping[str, int],
     near: Mapping[str, Neighbourhood],
 ) -> NDArray[np.int64]:
     """Return the indices of records that are not near to another split, as many as are missing.
@@ -156,18 +156,18 @@ def _far_enough(
         config: The configuration of the dataset.
         records: The candidates.
         fresh: The indices of the new ones, in order.
-        found: Split -> the number of structures found.
+        counts: Split -> the number of structures found.
         near: Split -> its structures, which other splits must not be near to; this is updated.
     """
-    missing = {split: config.labyrinths - count for split, count in found.items()}
+    missing = {split: config.labyrinths - count for split, count in counts.items()}
     kept = []
-    for place, structure in zip(fresh.tolist(), unpack(config, records[fresh]), strict=True):
-        split = SPLITS.sampled[records["split"][place]]
+    for index, structure in zip(fresh.tolist(), unpack(config, records[fresh]), strict=True):
+        split = SPLITS.sampled[records["split"][index]]
         others = (near[other] for other in near if other != split)
         if missing[split] and not any(other.is_near(structure) for other in others):
             near[split].add(structure)
             missing[split] -= 1
-            kept.append(place)
+            kept.append(index)
     return np.array(kept, np.int64)
 
 
@@ -241,8 +241,8 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     targets = [measures for measures in measured if measures is not None]  # Test holds the task.
 
     def of(split: str) -> Iterator[tuple[Structure, int]]:
-        found = ((1, each) for each in select(config, split, train, targets, taken))
-        return ((each, UNFIT) for each in tracked(found, split, config.labyrinths))
+        picked = ((1, each) for each in select(config, split, train, targets, taken))
+        return ((each, UNFIT) for each in tracked(picked, split, config.labyrinths))
 
     return {split: pack(config, of(split)) for split in selected_shifts(config)}
 
@@ -324,9 +324,9 @@ def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> St
         return sum(abs(a - b) for a, b in zip(measures, target, strict=True))
 
     distances = {key: apart(key) for key in {each.measures for each in pool}}
-    nearest_first = sorted(range(len(pool)), key=lambda place: distances[pool[place].measures])
-    for tried, place in enumerate(nearest_first, start=1):
-        structure = pool[place].structure
+    nearest_first = sorted(range(len(pool)), key=lambda index: distances[pool[index].measures])
+    for tried, index in enumerate(nearest_first, start=1):
+        structure = pool[index].structure
         if taken.take(structure):
             for gone in sorted(nearest_first[:tried], reverse=True):
                 del pool[gone]

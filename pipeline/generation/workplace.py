@@ -13,15 +13,15 @@ from typing import Any
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.language.collection import is_litter
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import (
     AnyPath,
     File,
 )
+from labyrinth_core.version import build_versions
 from pipeline.machinery.artifact import Ownership, differences, named
 from pipeline.machinery.folders import within
 from pipeline.machinery.sums import HASHES, Sums
-from pipeline.machinery.versions import build_versions
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -92,8 +92,8 @@ class Workplace:
                 names.add(Manifest.FILE)
                 all_shards = True
         if all_shards:
-            there = {path.name for path in self.folder.iterdir()}
-            names |= {name for name in there if _SHARD.fullmatch(name) or name == Manifest.TABLE}
+            present = {path.name for path in self.folder.iterdir()}
+            names |= {name for name in present if _SHARD.fullmatch(name) or name == Manifest.TABLE}
         return names
 
     def lacks(self, manifest: Manifest) -> list[str]:
@@ -109,9 +109,9 @@ class Workplace:
     def _is_whole(self, name: str, size: int, sha256: str) -> bool:
         path = self.folder / name
         with suppress(FileNotFoundError):
-            found, changed = File(path).size_and_time()
+            actual_size, changed = File(path).size_and_time()
             is_older = self._whole.is_covered(changed)
-            return found == size and (is_older or File(path).sha256() == sha256)
+            return actual_size == size and (is_older or File(path).sha256() == sha256)
         return False
 
     def prepare(
@@ -205,8 +205,8 @@ class Workplace:
         Raises:
             DatasetError: A shard is missing, or another run has taken the folder over.
         """
-        there = {path.name for path in self.shards.glob("*.parquet")}
-        missing = [shard.path for shard in manifest.shards if shard.path not in there]
+        made = {path.name for path in self.shards.glob("*.parquet")}
+        missing = [shard.path for shard in manifest.shards if shard.path not in made]
         if missing:
             raise DatasetError(
                 f"{self.shards} has no {missing[0]}, though a worker has made it: "

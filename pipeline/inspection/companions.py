@@ -58,25 +58,27 @@ class Companion:
         folder = data_dir / self.config(manifest.config.name)
         if not (folder / Manifest.FILE).is_file():
             return None
-        found = Dataset.at(folder, companion=self.suffix)
-        config, rows = found.manifest.config, self.shards(manifest, found.manifest.config)
-        same = [(shard.path, shard.fingerprint) for shard in found.manifest.shards] == [
+        companion = Dataset.at(folder, companion=self.suffix)
+        config, rows = companion.manifest.config, self.shards(manifest, companion.manifest.config)
+        same = [(shard.path, shard.fingerprint) for shard in companion.manifest.shards] == [
             (shard.path, shard.fingerprint) for shard in rows
         ]
-        return found if same and config == replace(manifest.config, shifts=config.shifts) else None
+        return (
+            companion if same and config == replace(manifest.config, shifts=config.shifts) else None
+        )
 
+    def beside(self, manifests: Sequence[Manifest]) -> dict[str, Manifest]:
+        """Return the manifests of the companions of datasets, by the names of their configs."""
+        return {
+            self.config(manifest.config.name): manifest.companions[self.suffix]
+            for manifest in manifests
+            if self.suffix in manifest.companions
+        }
 
-@cache
-def companions() -> tuple[Companion, ...]:
-    """Return the declared kinds of companions."""
-    wings = sorted(path.parent.name for path in Path(__file__).parents[1].glob("*/companion.py"))
-    return tuple(import_module(f"pipeline.{wing}.companion").COMPANION for wing in wings)
-
-
-def beside(manifests: Sequence[Manifest], kind: Companion) -> dict[str, Manifest]:
-    """Return the manifests of the companions of a kind, by the names of their configs."""
-    return {
-        kind.config(manifest.config.name): manifest.companions[kind.suffix]
-        for manifest in manifests
-        if kind.suffix in manifest.companions
-    }
+    @staticmethod
+    @cache
+    def kinds() -> tuple[Companion, ...]:
+        """Return the declared kinds of companions."""
+        folder = Path(__file__).parents[1]
+        wings = sorted(path.parent.name for path in folder.glob("*/companion.py"))
+        return tuple(import_module(f"pipeline.{wing}.companion").COMPANION for wing in wings)

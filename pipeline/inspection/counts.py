@@ -10,20 +10,17 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from itertools import chain
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Action, Labyrinth, LabyrinthError, Solver
 from pipeline.inspection.leakage import Keys
-
-EXAMPLES = 5
-"""The number of labyrinths per split kept as examples, for pictures."""
 
 
 class Route(NamedTuple):
@@ -115,7 +112,8 @@ class SplitCounts:
     optimal: int
     """The number of actions taken that are optimal."""
     examples: list[Example]
-    """The first `EXAMPLES` labyrinths."""
+    """The first `EXAMPLES` labyrinths, for pictures."""
+    EXAMPLES: ClassVar[int] = 5
 
     @property
     def episodes(self) -> int:
@@ -167,7 +165,7 @@ class SplitCounts:
         """Return the counts of this part of a split and the next part together."""
         names = [each.name for each in fields(self)]
         both = SplitCounts(**{name: getattr(self, name) + getattr(other, name) for name in names})
-        return replace(both, examples=both.examples[:EXAMPLES])
+        return replace(both, examples=both.examples[: self.EXAMPLES])
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,7 +215,7 @@ def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
             actions.append(np.zeros(len(Action), np.int64))
             visits.append(np.zeros(cells, np.int64))
             best = route.solver.optimal_actions()
-            if len(examples) < EXAMPLES:
+            if len(examples) < SplitCounts.EXAMPLES:
                 examples.append(Example(route.labyrinth, tuple(route.actions)))
         taken = np.array(route.actions, np.int64)
         states = np.array(route.states)

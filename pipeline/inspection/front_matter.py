@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from itertools import chain
-from pathlib import Path
 from string import Template
 from typing import Any
 
@@ -25,9 +24,10 @@ from labyrinth_core.data import (
     Manifest,
 )
 from labyrinth_core.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
-from pipeline.inspection.companions import beside, companions
+from labyrinth_core.terminal import printable_line
+from pipeline.inspection.companions import Companion
 from pipeline.machinery.console import say
 
 DEFAULT_CONFIG = "5x5"
@@ -60,22 +60,23 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     for folder, manifest in read_from.items():
         # A copy under another name is not a config: its files would not be where the card says.
         if manifest.config.name == folder:
-            found = {kind.suffix: kind.of(data_dir, manifest) for kind in companions()}
+            found = {kind.suffix: kind.of(data_dir, manifest) for kind in Companion.kinds()}
             made = {suffix: each.manifest for suffix, each in found.items() if each is not None}
             manifests.append(replace(manifest, companions=made))
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
 
 
-def without_manifest(data_dir: AnyPath) -> list[Path]:
+def without_manifest(data_dir: AnyPath) -> list[AnyPath]:
     """Return the folders of a local folder that hold a dataset whose manifest is missing.
 
     In a store, a dataset that is being built looks the same.
     """
-    if not isinstance(data_dir, Path):
+    if not WholeFolder.of(data_dir, Manifest.FILE).is_replaced_at_once:
         return []
-    folders = [file.parent for file in sorted(data_dir.glob(f"*/{Manifest.TABLE}"))]
+    folders: list[AnyPath] = [file.parent for file in data_dir.glob(f"*/{Manifest.TABLE}")]
     named = [folder for folder in folders if DatasetConfig.NAME.fullmatch(folder.name)]
-    return [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    lacking = [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    return sorted(lacking, key=str)
 
 
 def table_config(config: str) -> str:
@@ -103,9 +104,9 @@ def update(data_dir: AnyPath) -> None:
     wanted = values | described(manifests)
     if wanted == values and text:
         return  # Not a byte of a card changes when nothing is new.
-    there = {config["config_name"] for config in wanted["configs"]}
+    listed = {config["config_name"] for config in wanted["configs"]}
     names = [config["config_name"] for config in values.get("configs", [])]
-    if gone := [name for name in names if name not in there]:
+    if gone := [name for name in names if name not in listed]:
         reason = "missing, or about other rows (the stage that made it makes it again)"
         say(f"{path} no longer lists {', '.join(gone)}: {reason}.")
     text = text or with_generated("", _text(manifests))
@@ -147,8 +148,8 @@ def described(manifests: list[Manifest]) -> dict[str, Any]:
         configs.append(_config(name, {TABLE_SPLIT: f"{manifest.config.name}/{Manifest.TABLE}"}))
         rows = sum(shard.labyrinths for shard in manifest.shards)
         infos.append(_info(name, TABLE_COLUMNS, {TABLE_SPLIT: (manifest.table.bytes, rows)}))
-    for kind in companions():
-        for name, companion in beside(manifests, kind).items():
+    for kind in Companion.kinds():
+        for name, companion in kind.beside(manifests).items():
             add(companion, name, kind.columns, kind.splits(companion.config))
     return {"configs": configs, "dataset_info": infos}
 
@@ -304,7 +305,7 @@ def _are_ours(configs: object) -> bool:
     if not isinstance(configs, list):
         return False
     names = [str(each.get("config_name")) if isinstance(each, dict) else "" for each in configs]
-    suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in companions())])
+    suffixes = "|".join([TABLE_SPLIT, *(kind.suffix for kind in Companion.kinds())])
     ours = re.compile(f"(?:{DatasetConfig.NAME.pattern})(-({suffixes}))?", re.ASCII)
     return all(map(ours.fullmatch, names))
 

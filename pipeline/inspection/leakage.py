@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth, Solver, Structure, identity
 from pipeline.inspection.near_twins import (
     FAR,
@@ -91,8 +91,8 @@ def _ids_of(labyrinths: Sequence[Held]) -> Hashes:
 def _places_by_size(labyrinths: Sequence[Held]) -> dict[tuple[int, int], list[int]]:
     """Return the indices of the labyrinths of each height and width."""
     places: dict[tuple[int, int], list[int]] = {}
-    for place, structure in enumerate(map(structure_of, labyrinths)):
-        places.setdefault((structure.height, structure.width), []).append(place)
+    for number, structure in enumerate(map(structure_of, labyrinths)):
+        places.setdefault((structure.height, structure.width), []).append(number)
     return places
 
 
@@ -106,7 +106,7 @@ def _canonical_hashes(labyrinths: Sequence[Held], *, with_ends: bool) -> Hashes:
     """
     hashes = np.zeros(len(labyrinths), np.int64)
     for size, places in _places_by_size(labyrinths).items():
-        held = [labyrinths[place] for place in places]
+        held = [labyrinths[number] for number in places]
         ends = [(each.start, each.goal) for each in held if isinstance(each, Labyrinth)]
         marked = np.array(ends) if with_ends and len(ends) == len(held) else None
         keys = canonical_keys(*size, passage_table(list(map(structure_of, held))), marked)
@@ -133,8 +133,8 @@ def _counterparts(
     if not len(known):
         return {}
     at = np.minimum(np.searchsorted(known, second), len(known) - 1)
-    found = np.flatnonzero(known[at] == second)
-    ids = zip(second_ids[found], first_ids[places[at[found]]], strict=True)
+    equal = np.flatnonzero(known[at] == second)
+    ids = zip(second_ids[equal], first_ids[places[at[equal]]], strict=True)
     return {_digits(number): _digits(other) for number, other in ids}
 
 
@@ -328,16 +328,16 @@ class _Known(NamedTuple):
 
 
 def _known(labyrinths: list[Held]) -> _Known:
-    found = [_optimal(each) for each in labyrinths]
+    optimal = [_optimal(each) for each in labyrinths]
     of_size = {
-        size: (places, passage_table([structure_of(labyrinths[place]) for place in places]))
+        size: (places, passage_table([structure_of(labyrinths[number]) for number in places]))
         for size, places in _places_by_size(labyrinths).items()
     }
     return _Known(
         _ids_of(labyrinths),
         _canonical_hashes(labyrinths, with_ends=False),
-        [routes[:ROUTES] for routes in found],
-        sum(len(routes) > ROUTES for routes in found),
+        [routes[:ROUTES] for routes in optimal],
+        sum(len(routes) > ROUTES for routes in optimal),
         of_size,
     )
 
@@ -376,7 +376,7 @@ def _nearest(base: _Known, other: _Known) -> Iterator[tuple[str, tuple[str, int]
             held, among = base.of_size[size]
             near = nearest(table, among)
             pairs = zip(places, near.which.tolist(), near.walls.tolist(), strict=True)
-            for place, index, walls in pairs:
+            for number, index, walls in pairs:
                 if walls != FAR:
                     twin = _digits(base.numbers[held[index]])
-                    yield _digits(other.numbers[place]), (twin, walls)
+                    yield _digits(other.numbers[number]), (twin, walls)

@@ -163,8 +163,8 @@ def _candidates(
             stop = max(int(np.searchsorted(ends, done + HELD_PAIRS, side="right")), start + 1)
             queries = np.repeat(np.arange(start, stop), counts[start:stop])
             if len(queries):
-                place = np.arange(len(queries)) + done - (ends - counts)[queries]
-                yield queries, order[first[queries] + place]
+                offsets = np.arange(len(queries)) + done - (ends - counts)[queries]
+                yield queries, order[first[queries] + offsets]
             start = stop
 
 
@@ -222,7 +222,7 @@ class Neighbourhood:
         self._shift = height * width
         every = Structure.without_walls(height, width)
         grid = every.up | every.right << self._shift
-        places = [place for place in range(grid.bit_length()) if grid >> place & 1]
+        places = [bit for bit in range(grid.bit_length()) if grid >> bit & 1]
         blocks, left_out = _cut(len(places), walls, structures)
         cut = [sum(1 << places[passage] for passage in block) for block in blocks]
         masks = [grid - sum(cut[number] for number in without) for without in left_out]

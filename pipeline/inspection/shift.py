@@ -172,10 +172,10 @@ def holm(p_values: ArrayLike) -> Floats:
     Returns:
         Shape (tests,), in the same order.
     """
-    given = np.asarray(p_values, np.float64)
-    order = np.argsort(given, kind="stable")
-    steps = np.maximum.accumulate(given[order] * np.arange(len(given), 0, -1))
-    corrected = np.empty_like(given)
+    values = np.asarray(p_values, np.float64)
+    order = np.argsort(values, kind="stable")
+    steps = np.maximum.accumulate(values[order] * np.arange(len(values), 0, -1))
+    corrected = np.empty_like(values)
     corrected[order] = np.minimum(steps, 1)
     return corrected
 
@@ -231,7 +231,7 @@ def compare(
         pairs: The names of the splits to compare; all their tests are one family for Holm.
         seed: The seed of the permutations.
     """
-    found = []
+    shifts = []
     for number, (first, second) in enumerate(pairs):
         a, b = contents[first], contents[second]
         most = max(int(max(a.moves.max(), b.moves.max())), a.visits[0].size)
@@ -248,9 +248,9 @@ def compare(
             d = cohens_d(of_a.values, of_b.values)
             effect = float(d[0] if len(d) == 1 else np.abs(d).mean())
             sizes = len(a.labyrinths), len(b.labyrinths)
-            found.append((name, first, second, sizes, float(distance), effect, float(p)))
-    corrected = holm([each[-1] for each in found]).tolist()
-    return [MeasuredShift(*each, p) for each, p in zip(found, corrected, strict=True)]
+            shifts.append((name, first, second, sizes, float(distance), effect, float(p)))
+    corrected = holm([each[-1] for each in shifts]).tolist()
+    return [MeasuredShift(*each, p) for each, p in zip(shifts, corrected, strict=True)]
 
 
 def _side_by_side(samples: list[Sample]) -> Statistic:

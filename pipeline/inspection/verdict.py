@@ -49,10 +49,10 @@ def table_of(leakage: Leakage, *, with_routes: bool) -> Table:
 
 def leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
     """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
-    found = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
-    if found:
+    problems = [*_shared(leakage, files), *leakage.certificate.problems_of_splits()]
+    if problems:
         yield "Leakage:"
-        yield from found
+        yield from problems
     else:
         yield "Leakage: no structure is in two splits, and none is repeated."
         yield f"Mirrored with start and goal kept: none.{_turned(leakage)}"
@@ -62,13 +62,13 @@ def leaks(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[
 
 def _turned(leakage: Leakage) -> str:
     """Say how many structures of each split are rotated or reflected ones of another split."""
-    found: dict[str, list[str]] = {}
+    by_first: dict[str, list[str]] = {}
     for each in leakage.pairs:
         if each.symmetric:
-            counts = found.setdefault(each.pair.first, [])
+            counts = by_first.setdefault(each.pair.first, [])
             counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
-    told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in found.items())
-    return f"\nTurned: {told}." if found else " Turned: none."
+    told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in by_first.items())
+    return f"\nTurned: {told}." if by_first else " Turned: none."
 
 
 def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
@@ -77,8 +77,8 @@ def _shared(leakage: Leakage, files: Mapping[str, Mapping[str, str]]) -> Iterato
 
     for pair in leakage.certificate.pairs:
         mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
-        for found, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
-            for number, other in list(found.items())[:LEAKS_SHOWN]:
+        for shared, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+            for number, other in list(shared.items())[:LEAKS_SHOWN]:
                 yield (f"{named(pair.second, number)} has {relation} of {named(pair.first, other)}")
-            if len(found) > LEAKS_SHOWN:
-                yield f"and {len(found) - LEAKS_SHOWN:,} more of {pair.second}"
+            if len(shared) > LEAKS_SHOWN:
+                yield f"and {len(shared) - LEAKS_SHOWN:,} more of {pair.second}"

@@ -22,12 +22,12 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.language.collection import is_litter
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.terminal import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import Place, held, within
-from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of, names_in
+from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
 """A name from `LocalFile.temporary`: a process was killed while it wrote the file."""
@@ -54,7 +54,7 @@ class Ownership:
         listed = {HASHES, *(n for n, _ in sums.made), *(n for n, _ in sums.left if sums.has(n))}
         unlisted = [
             name
-            for name in names_in(folder)
+            for name in File(folder).names()
             if not (name in listed or is_litter(name) or _UNFINISHED.fullmatch(name))
         ]
         if lost := [name for name in unlisted if any(fnmatchcase(name, own) for own in ours)]:
@@ -75,9 +75,9 @@ class Ownership:
             within(self.sums.folder, *PurePath(name).parent.parts)
         if overwrite:
             return
-        there = self.sums.key
-        if self.sums.hashes and key is not None and (differing := differences(there or {}, key)):
-            what = f"is made with {differing}" if there else "holds files of another stage"
+        old = self.sums.key
+        if self.sums.hashes and key is not None and (differing := differences(old or {}, key)):
+            what = f"is made with {differing}" if old else "holds files of another stage"
             advice = f"{instead}, or give overwrite=true to replace it"
             raise DatasetError(f"{self.sums.folder} {what}: {advice}")
         if others := self.others(files):
@@ -167,8 +167,8 @@ def leave(
             written.
         OSError: The folder cannot be written.
     """
-    place = folder.absolute()
-    with held(place.parent, place.name):
+    path = folder.absolute()
+    with held(path.parent, path.name):
         own = Ownership(Sums.read(folder, overwrite=overwrite))
         own.require_free(files, key, overwrite, instead)
         own.replace(files, key=key).write()
@@ -207,8 +207,8 @@ def produced(
         OSError: The folder cannot be written.
     """
     whole = WholeFolder.of(folder.absolute(), mark)
-    place: Any = whole.folder
-    with held(place.parent, place.name):
+    path: Any = whole.folder
+    with held(path.parent, path.name):
         whole.recover()
         own = Ownership(Sums.read(folder, overwrite=overwrite))
         if own.is_whole(key, ours, overwrite, instead):
@@ -221,11 +221,11 @@ def produced(
         with whole.made() as made:
             yield made
             Sums.of(made, key, names).write()
-            if made == place:
+            if made == path:
                 return
             for name in own.strangers(ours, instead):  # The user may have added more.
                 (made / name).parent.mkdir(parents=True, exist_ok=True)
-                shutil.copy2(place / name, made / name, follow_symlinks=False)
+                shutil.copy2(path / name, made / name, follow_symlinks=False)
 
 
 def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
@@ -247,14 +247,14 @@ def _claim(sums: Sums, mark: str, names: Sequence[str]) -> None:
         (sums.folder / name).unlink(missing_ok=True)
 
 
-def differences(there: Key, asked: Key) -> str:
-    """Return how two keys differ, such as `seed=3, not 4`; all of `there` if no name is shared."""
-    if there and not there.keys() & asked.keys():
-        return printable_line("; ".join(f"{name}={value}" for name, value in there.items()))
+def differences(old: Key, asked: Key) -> str:
+    """Return how two keys differ, such as `seed=3, not 4`; all of `old` if no name is shared."""
+    if old and not old.keys() & asked.keys():
+        return printable_line("; ".join(f"{name}={value}" for name, value in old.items()))
     return "; ".join(
-        printable_line(f"{name}={there.get(name)}, not {asked.get(name)}")
-        for name in {**asked, **there}
-        if json.dumps(there.get(name)) != json.dumps(asked.get(name))
+        printable_line(f"{name}={old.get(name)}, not {asked.get(name)}")
+        for name in {**asked, **old}
+        if json.dumps(old.get(name)) != json.dumps(asked.get(name))
     )
 
 

@@ -23,7 +23,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.terminal import printable
 
 Item = TypeVar("Item")
 
@@ -57,13 +57,58 @@ def say_once(text: str) -> None:
     say(text)
 
 
-def progress(*, vanishes: bool = False) -> Progress:
+class Bars(Progress):
+    """Progress bars, with a line a minute where there is no terminal."""
+
+    @contextmanager
+    def each_minute(
+        self, bar: TaskID, unit: str = "", spent: Callable[[], float] | None = None
+    ) -> Iterator[None]:
+        """Print a line a minute about a bar where there is no terminal, and so no bar.
+
+        It says what the bar describes, how far it is, and the time left. A log of hours then shows
+        that the program works, also while one item takes minutes.
+
+        Args:
+            bar: One of the bars.
+            unit: What the bar counts, after a space.
+            spent: Returns the seconds that the finished items took; None if the bar
+                began with none.
+        """
+        if console.is_terminal:
+            yield
+            return
+        ended = Event()
+
+        def tell() -> None:
+            while not ended.wait(SECONDS_PER_LINE):
+                task = next(task for task in self.tasks if task.id == bar)
+                total = task.total or 0
+                line = f"{task.description}: {task.completed:,.0f} of {total:,.0f}{unit}"
+                seconds = spent() if spent is not None else task.elapsed
+                if seconds and task.completed:
+                    remaining = timedelta(
+                        seconds=ceil(seconds / task.completed * (total - task.completed))
+                    )
+                    line += f", {remaining} left"
+                say(line)
+
+        teller = Thread(target=tell, daemon=True)
+        teller.start()
+        try:
+            yield
+        finally:
+            ended.set()
+            teller.join()
+
+
+def progress(*, vanishes: bool = False) -> Bars:
     """Return a context manager that shows the progress bars of a stage.
 
     Args:
         vanishes: Whether to show them only in a terminal, and remove them at the end.
     """
-    return Progress(
+    return Bars(
         TextColumn("{task.description:>9}"),
         BarColumn(),
         MofNCompleteColumn(),
@@ -75,51 +120,11 @@ def progress(*, vanishes: bool = False) -> Progress:
     )
 
 
-@contextmanager
-def each_minute(
-    bars: Progress, bar: TaskID, unit: str = "", spent: Callable[[], float] | None = None
-) -> Iterator[None]:
-    """Print a line a minute about a bar where there is no terminal, and so no bar.
-
-    It says what the bar describes, how far it is, and the time left. A log of hours then shows that
-    the program works, also while one item takes minutes.
-
-    Args:
-        bars: The progress bars.
-        bar: One of them.
-        unit: What the bar counts, after a space.
-        spent: Returns the seconds that the finished items took; None if the bar began with none.
-    """
-    if console.is_terminal:
-        yield
-        return
-    ended = Event()
-
-    def tell() -> None:
-        while not ended.wait(SECONDS_PER_LINE):
-            task = next(task for task in bars.tasks if task.id == bar)
-            total = task.total or 0
-            line = f"{task.description}: {task.completed:,.0f} of {total:,.0f}{unit}"
-            seconds = spent() if spent is not None else task.elapsed
-            if seconds and task.completed:
-                left = timedelta(seconds=ceil(seconds / task.completed * (total - task.completed)))
-                line += f", {left} left"
-            say(line)
-
-    teller = Thread(target=tell, daemon=True)
-    teller.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        teller.join()
-
-
 def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
     """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
     with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
-        with each_minute(bars, bar):
+        with bars.each_minute(bar):
             for amount, item in items:
                 yield item
                 bars.advance(bar, amount)

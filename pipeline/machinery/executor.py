@@ -30,8 +30,6 @@ class _Dask:
 
     address: str | None
     """The address of a running cluster; None to start one."""
-    wait: int
-    """The most seconds to wait for the first worker of a running cluster."""
     stack: ExitStack
     """Closing it ends the cluster."""
     processes: int = 0
@@ -39,8 +37,8 @@ class _Dask:
 
     @property
     def name(self) -> str:
-        """The options that choose the cluster."""
-        return f"executor=dask{f' executor_address={self.address}' if self.address else ''}"
+        """The option that chooses the cluster."""
+        return f"executor={self.address or 'dask'}"
 
     def provide(self, workers: int) -> None:
         """Start the cluster, or start it again, if it has fewer processes than `workers`."""
@@ -61,11 +59,8 @@ class _Dask:
         try:
             if self.client.ncores():
                 return
-            say(f"waiting for a worker of {self.name} (at most executor_wait={self.wait} seconds)")
-            self.client.submit(os.getpid, pure=False).result(timeout=self.wait)
-        except TimeoutError as error:
-            reason = f"no worker came within executor_wait={self.wait} seconds"
-            raise ConfigError(f"{self.name}: {reason}: start workers, or wait longer") from error
+            say(f"waiting for a worker of {self.name}, as long as it takes")
+            self.client.submit(os.getpid, pure=False).result()
         except OSError as error:
             raise ConfigError(f"{self.name}: {one_line(error):.300}") from error
 
@@ -74,19 +69,15 @@ _cluster: ContextVar[_Dask | None] = ContextVar("cluster", default=None)
 
 
 @contextmanager
-def cluster(
-    executor: str, workers: int, address: str | None = None, wait: int = 600
-) -> Iterator[None]:
+def cluster(executor: str, workers: int) -> Iterator[None]:
     """Run every `ordered_map` within the context on an executor.
 
     A new cluster starts when there is work for it, with no more processes than items of work.
 
     Args:
-        executor: local or dask.
+        executor: local, dask, or the address of a running Dask cluster, whose machines must have
+            the dataset's folder at the same path.
         workers: The maximum number of processes.
-        address: The address of a running cluster to use instead. Its machines must have the
-            dataset's folder at the same path.
-        wait: The most seconds to wait for the first worker of a running cluster.
 
     Raises:
         ConfigError: Dask is not installed, or its cluster cannot be reached.
@@ -98,12 +89,12 @@ def cluster(
         import distributed  # noqa: F401
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[dask]'"
-        raise ConfigError(f"executor=dask is not installed: {install}") from error
+        raise ConfigError(f"executor={executor} needs dask: {install}") from error
     with ExitStack() as stack:
-        there = _Dask(address, wait, stack)
-        if address is not None:
-            there.provide(workers)
-        token = _cluster.set(there)
+        dask = _Dask(None if executor == "dask" else executor, stack)
+        if dask.address is not None:
+            dask.provide(workers)
+        token = _cluster.set(dask)
         try:
             yield
         finally:
@@ -116,11 +107,11 @@ def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
 
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
-    place: Any = address
+    target: Any = address
     if address is not None:
         _connect(address)  # If nothing listens, the client would end in a traceback.
     else:
-        place = stack.enter_context(
+        target = stack.enter_context(
             distributed.LocalCluster(
                 n_workers=workers,
                 threads_per_worker=1,
@@ -128,7 +119,7 @@ def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
                 silence_logs=logging.ERROR,
             )
         )
-    return stack.enter_context(distributed.Client(place, set_as_default=False))
+    return stack.enter_context(distributed.Client(target, set_as_default=False))
 
 
 def _connect(address: str) -> None:
@@ -161,10 +152,10 @@ def ordered_map(
     """
     if isinstance(items, Sized):
         workers = min(workers, len(items))
-    there = _cluster.get()
-    if there is not None and workers:
-        there.provide(workers)
-        there.wait_for_worker()
+    dask = _cluster.get()
+    if dask is not None and workers:
+        dask.provide(workers)
+        dask.wait_for_worker()
     elif workers <= 1:
         yield from map(function, items)
         return
@@ -180,14 +171,14 @@ def ordered_map(
             errors.append(error)
 
     # Local workers do not notice by themselves that their parent was killed.
-    own = {} if there else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
+    own = {} if dask else {"initializer": end_with_parent, "initargs": (os.getpid(),)}
     try:
         parallel = Parallel(n_jobs=workers, return_as="generator", batch_size=1, **own)
         with ctrl_c_held_back():  # It starts the processes.
             results = parallel(feed())
     except OSError as error:
-        if there:
-            raise ConfigError(f"{there.name}: {one_line(error):.300}") from error
+        if dask:
+            raise ConfigError(f"{dask.name}: {one_line(error):.300}") from error
         raise ConfigError(
             f"workers={workers}: processes cannot be started ({one_line(error):.200}): they need "
             "shared memory, /dev/shm on Linux, and a folder for temporary files"
@@ -195,7 +186,7 @@ def ordered_map(
     try:
         with closing(results):
             yield from results
-    except _losses(there) as error:
+    except _losses(dask) as error:
         raise DatasetError(
             "a worker was lost, perhaps for lack of memory: try fewer workers; " + GOES_ON
         ) from error
@@ -203,9 +194,9 @@ def ordered_map(
         raise errors[0]
 
 
-def _losses(there: _Dask | None) -> tuple[type[Exception], ...]:
+def _losses(dask: _Dask | None) -> tuple[type[Exception], ...]:
     """Return the exceptions that mean that a worker was lost."""
-    if there is None:
+    if dask is None:
         return (BrokenExecutor,)
     import distributed
 

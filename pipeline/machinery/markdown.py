@@ -25,12 +25,6 @@ def plain(text: str) -> str:
     return re.sub(r"([\\`*\[\]<>|!#&~$])", r"\\\1", " ".join(text.split()))
 
 
-def verbatim(text: object) -> str:
-    """Return a text as code that is safe in a table; as `plain` text if it has a backtick."""
-    shown = " ".join(str(text).split())
-    return plain(shown) if "`" in shown else "`" + shown.replace("|", r"\|") + "`"
-
-
 def count(number: int, thing: str) -> str:
     """Return a number of things, such as `1 row` or `1,000 rows`."""
     return f"{number:,} {thing}{'' if number == 1 else 's'}"

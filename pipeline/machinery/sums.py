@@ -18,7 +18,7 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.storage import AnyPath, File, RemotePath
+from labyrinth_core.storage import AnyPath, File
 
 HASHES = "SHA256SUMS"
 """The name of the list."""
@@ -72,11 +72,11 @@ class Sums:
         key = None
         with suppress(ValueError, RecursionError):
             key = next(map(json.loads, _KEY.findall(text)), None)
-        found = cls(folder, key if isinstance(key, dict) else None, made, left)
-        lines = sorted(found._text(with_hash=False).splitlines())
-        is_whole = text == found._text() or (sorted(text.splitlines()) == lines)
-        if is_whole and text.endswith("\n") and (found.hashes or key):
-            return found
+        sums = cls(folder, key if isinstance(key, dict) else None, made, left)
+        lines = sorted(sums._text(with_hash=False).splitlines())
+        is_whole = text == sums._text() or (sorted(text.splitlines()) == lines)
+        if is_whole and text.endswith("\n") and (sums.hashes or key):
+            return sums
         first = text[: len(_OURS)].strip("\0")
         if not (_OURS.startswith(first) or get_close_matches(first, [_OURS])):
             advice = "move it away, or choose another folder"
@@ -84,12 +84,12 @@ class Sums:
         if not overwrite:
             again = "the stage that made its files makes them again with overwrite=true"
             raise DatasetError(f"{path} is damaged: {again}; or move {folder} away")
-        return replace(found, is_damaged=True)
+        return replace(sums, is_damaged=True)
 
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
         """Hash all files of a folder; those in `names`, by default all, count as `made`."""
-        hashes = {(n, File(folder / n).sha256()) for n in names_in(folder) if n != HASHES}
+        hashes = {(n, File(folder / n).sha256()) for n in File(folder).names() if n != HASHES}
         made = frozenset(each for each in hashes if not names or each[0] in names)
         return cls(folder, key, made, frozenset(hashes - made))
 
@@ -141,11 +141,3 @@ class Sums:
 def hash_of(path: AnyPath) -> str | None:
     """Return the SHA-256 of a file; None if it does not exist."""
     return File(path).sha256() if path.is_file() else None
-
-
-def names_in(folder: AnyPath) -> list[str]:
-    """Return the paths of all files in a folder, relative to it."""
-    if isinstance(folder, RemotePath):
-        return [path.name for path in folder.iterdir()]
-    files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
-    return sorted(path.relative_to(folder).as_posix() for path in files)

@@ -23,7 +23,7 @@ from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
-from pipeline.inspection.companions import beside, companions
+from pipeline.inspection.companions import Companion
 from pipeline.inspection.statistics import DatasetStatistics, read_analysis, statistics_of
 from pipeline.machinery.artifact import Ownership
 from pipeline.machinery.console import say
@@ -162,8 +162,8 @@ def _prepared(data_dir: AnyPath, release: Release, workers: int, overwrite: bool
         CROISSANT: croissant(datasets, release).encode(),
         CITATION: _citation_file(release).encode(),
     }
-    for kind in companions():
-        if own_companions := beside(manifests, kind):
+    for kind in Companion.kinds():
+        if own_companions := kind.beside(manifests):
             files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
     others = [] if overwrite else Ownership(own).others(files)
     for name in others:
@@ -184,8 +184,8 @@ def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
     listed: dict[str, str] = {}
     for manifest in manifests:
         folders = {manifest.config.name: manifest}
-        for kind in companions():
-            folders |= beside([manifest], kind)
+        for kind in Companion.kinds():
+            folders |= kind.beside([manifest])
         for name, each in folders.items():
             listed |= {f"{name}/{shard.path}": shard.sha256 for shard in each.shards}
             listed[f"{name}/{Manifest.FILE}"] = File(data_dir / name / Manifest.FILE).sha256()
@@ -235,7 +235,7 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
 def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
     """Return the pictures that are no longer drawn, and the files of companions that are gone."""
     drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
-    of_companions = [name for kind in companions() for name in kind.file_names]
+    of_companions = [name for kind in Companion.kinds() for name in kind.file_names]
     return [name for name in [*drawn, *of_companions] if name not in files]
 
 

@@ -18,8 +18,7 @@ from typing import Any, NamedTuple
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Columns, Manifest
 from labyrinth_core.version import DEVELOPERS
 from pipeline.inspection import front_matter
-from pipeline.inspection.companions import beside, companions
-from pipeline.inspection.front_matter import table_config
+from pipeline.inspection.companions import Companion
 from pipeline.inspection.statistics import DatasetStatistics
 from pipeline.release.readme import limits
 from pipeline.release.texts import Release, citation, command, paragraph, read
@@ -60,8 +59,8 @@ def croissant(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     }
     extra = {
         name: _Config(made, kind.columns, kind.splits(made.config), kind.row)
-        for kind in companions()
-        for name, made in beside(manifests, kind).items()
+        for kind in Companion.kinds()
+        for name, made in kind.beside(manifests).items()
     }
     is_fixed = any(manifest.config.goals == "fixed" for manifest in manifests)
     mit = release.licence == front_matter.LICENCE
@@ -140,7 +139,7 @@ def _rows(parts: Mapping[str, Any], name: str, config: _Config) -> Any:
 
 def _labyrinths(parts: Mapping[str, Any], parent: str) -> Any:
     """Return the record set of the table of labyrinths of a config."""
-    config, file = table_config(parent), {"@id": f"{parent}/{Manifest.TABLE}"}
+    config, file = front_matter.table_config(parent), {"@id": f"{parent}/{Manifest.TABLE}"}
     files = {"file_set": None, "file_object": file}
     fields = list(_fields(parts, config, TABLE_COLUMNS, **files))
     return _filled(parts["labyrinths"], config=config, parent=parent, fields=fields)

@@ -73,14 +73,14 @@ def stage_export(job: Job[PublishStageOptions], folder: Path, *, is_unseen: bool
 
 def _origin(job: Job[PublishStageOptions], is_unseen: bool) -> tuple[str | None, Manifest]:
     """Return the dataset's commit on the Hub (None if it has no id there) and its manifest."""
-    given = job.options.dataset is not None
-    if job.options.publish.repo_id or (given and not Dataset.is_folder(job.source)):
+    is_elsewhere = job.options.dataset is not None
+    if job.options.publish.repo_id or (is_elsewhere and not Dataset.is_folder(job.source)):
         return published_dataset(job, is_unseen=is_unseen)
     return None, job.open_dataset().manifest
 
 
 def _linked(
-    job: Job[PublishStageOptions], manifest: Manifest, split: str, place: Path
+    job: Job[PublishStageOptions], manifest: Manifest, split: str, folder: Path
 ) -> dict[str, Any]:
     """Link the files of the export of a split into a folder, and return its record.
 
@@ -103,8 +103,8 @@ def _linked(
     for name in {name for name, _ in own.hashes} - {
         job.CONFIG
     }:  # It names folders of this machine.
-        (place / name).parent.mkdir(parents=True, exist_ok=True)
-        (place / name).symlink_to((source / name).absolute())
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).symlink_to((source / name).absolute())
     return record
 
 

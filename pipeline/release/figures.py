@@ -14,9 +14,9 @@ from typing import NamedTuple
 from PIL import Image, ImageDraw, ImageFont
 
 from labyrinth_core.data import SPLITS
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour, render
+from labyrinth_core.pictures import DEFAULT_STYLE, Colour, render
 from labyrinth_core.world import Labyrinth, State, Structure, Task
-from pipeline.inspection.counts import EXAMPLES, SplitCounts
+from pipeline.inspection.counts import SplitCounts
 from pipeline.machinery.markdown import count
 
 PICTURES = "pictures"
@@ -49,14 +49,14 @@ class Sheet:
 
     def text(
         self,
-        place: tuple[float, float],
+        corner: tuple[float, float],
         text: str,
         size: int = TEXT,
         colour: Colour = INK,
         anchor: str = "ls",
     ) -> None:
         """Write a line of text; `anchor` is Pillow's, by default the left end of the baseline."""
-        self._draw.text(place, text, fill=colour, font=ImageFont.load_default(size), anchor=anchor)
+        self._draw.text(corner, text, fill=colour, font=ImageFont.load_default(size), anchor=anchor)
 
     def box(self, left: float, top: float, right: float, bottom: float, colour: Colour) -> None:
         """Fill a rectangle; right and bottom are the first pixels outside it."""
@@ -65,23 +65,23 @@ class Sheet:
             self._draw.rectangle(corners, fill=colour)
 
     def labyrinth(
-        self, place: tuple[int, int], size: int, labyrinth: Labyrinth, actions: Sequence[int]
+        self, corner: tuple[int, int], size: int, labyrinth: Labyrinth, actions: Sequence[int]
     ) -> None:
         """Draw a labyrinth and the route of an episode, without the margins above and below.
 
         Args:
-            place: The left and top edges of the labyrinth, in pixels.
+            corner: The left and top edges of the labyrinth, in pixels.
             size: Its width in pixels, or its height if it is taller than wide.
             labyrinth: The labyrinth, drawn with everything that its agent does not see.
             actions: The actions of the episode.
         """
-        left, top = place
+        left, top = corner
         picture = picture_with_route(labyrinth, actions, size)
         picture = picture.resize((size, size), Image.Resampling.BOX)
         tall = tallness(labyrinth.structure, size)
         above = (size - tall) // 2
         self.box(left - 1, top - 1, left + size + 1, top + tall + 1, LINE)
-        self.image.paste(picture.crop((0, above, size, above + tall)), place)
+        self.image.paste(picture.crop((0, above, size, above + tall)), corner)
 
     def png(self) -> bytes:
         """Return the picture as a PNG file."""
@@ -152,9 +152,9 @@ def banner(splits: Splits) -> Sheet:
     size = (WIDTH - 2 * gap - 2) // len(SPLITS.sampled)
     tall = tallness(splits["train"].examples[0].labyrinth.structure, size)
     sheet = Sheet(height=tall + 110)
-    for place, name in enumerate(SPLITS.sampled):
+    for number, name in enumerate(SPLITS.sampled):
         split = splits[name]
-        left = 1 + place * (size + gap)
+        left = 1 + number * (size + gap)
         sheet.labyrinth((left, 1), size, *split.examples[0])
         sheet.text((left, tall + 48), name)
         sheet.text((left, tall + 92), count(split.labyrinths, "labyrinth"), SMALL, MUTED)
@@ -164,7 +164,7 @@ def banner(splits: Splits) -> Sheet:
 def labyrinths(splits: Splits) -> Sheet:
     """Return some labyrinths of each split, each with its first episode."""
     gap, heading = 22, 76
-    size = (WIDTH - 2 * MARGIN - (EXAMPLES - 1) * gap) // EXAMPLES
+    size = (WIDTH - 2 * MARGIN - (SplitCounts.EXAMPLES - 1) * gap) // SplitCounts.EXAMPLES
     tall = tallness(splits["train"].examples[0].labyrinth.structure, size)
     sheet = Sheet(height=len(splits) * (heading + tall) + MARGIN)
     top = 0
@@ -172,8 +172,8 @@ def labyrinths(splits: Splits) -> Sheet:
         note = f"{count(split.labyrinths, 'labyrinth')}, {count(split.episodes, 'episode')}"
         sheet.text((MARGIN, top + 56), name)
         sheet.text((WIDTH - MARGIN, top + 56), note, SMALL, MUTED, "rs")
-        for place, example in enumerate(split.examples):
-            left = MARGIN + place * (size + gap)
+        for number, example in enumerate(split.examples):
+            left = MARGIN + number * (size + gap)
             sheet.labyrinth((left, top + heading), size, *example)
         top += heading + tall
     return sheet
@@ -189,9 +189,9 @@ def visits(splits: Splits) -> Sheet:
     pitch = heading + round(height * cell)
     sheet = Sheet(height=rows * pitch + 130)
     most = max(float((s.visits / s.rows).max()) for name, s in splits.items() if name != "random")
-    for place, (name, split) in enumerate(splits.items()):
-        left = MARGIN + place % columns * (size + gap)
-        top = place // columns * pitch
+    for number, (name, split) in enumerate(splits.items()):
+        left = MARGIN + number % columns * (size + gap)
+        top = number // columns * pitch
         sheet.text((left, top + 50), name)
         _heat_map(sheet, (left, top + heading), cell, split, most)
     _scale(sheet, rows * pitch + 40, most)
@@ -199,14 +199,14 @@ def visits(splits: Splits) -> Sheet:
 
 
 def _heat_map(
-    sheet: Sheet, place: tuple[float, float], cell: float, split: SplitCounts, most: float
+    sheet: Sheet, corner: tuple[float, float], cell: float, split: SplitCounts, most: float
 ) -> None:
     shares = split.visits / split.visits.sum()
     height, width = shares.shape
     gap = 3 if cell > 30 else 1 if cell > 6 else 0
     for row in range(height):
         for column in range(width):
-            left, top = place[0] + column * cell, place[1] + (height - 1 - row) * cell
+            left, top = corner[0] + column * cell, corner[1] + (height - 1 - row) * cell
             share = float(shares[row, column])
             sheet.box(left, top, left + cell - gap, top + cell - gap, _heat(min(1.0, share / most)))
             if cell >= 78:

@@ -17,11 +17,11 @@ from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies import RunRecord, load_policy
 from labyrinth_core.storage import File
 from pipeline.config.stage import Job
-from pipeline.inspection.front_matter import LICENCE, with_values
-from pipeline.machinery.markdown import count, plain, table, verbatim
+from pipeline.inspection import front_matter
+from pipeline.machinery.markdown import count, plain, table
 from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
-from pipeline.release.texts import citation, code, fill, paragraph
+from pipeline.release.texts import citation, code, fill, paragraph, verbatim
 
 
 @dataclass(frozen=True)
@@ -62,8 +62,8 @@ def published_dataset(job: Job[PublishStageOptions], *, is_unseen: bool) -> tupl
     if is_unseen:
         return 40 * "0", Dataset.at(job.folder).manifest
     repo_id, revision = job.options.dataset_on_hub
-    found = Dataset(repo_id, job.dataset.name, revision)
-    return str(found.commit), found.manifest
+    dataset = Dataset(repo_id, job.dataset.name, revision)
+    return str(dataset.commit), dataset.manifest
 
 
 def stage_policy(
@@ -123,8 +123,8 @@ def _results(
     record = RunRecord.read(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    there = record.trained_run()
-    if (there.training, there.settings) != (made_by.training, made_by.settings):
+    run = record.trained_run()
+    if (run.training, run.settings) != (made_by.training, made_by.settings):
         raise DatasetError(f"{path} describes another training than {RunRecord.FILE}: {anew}")
     return results, made_by, record
 
@@ -162,7 +162,7 @@ def _front_matter(trained: Trained) -> dict[str, Any]:
         for name, value in (("SPL", scores.spl), ("SR", scores.sr))
     ]
     data = ModelCardData(
-        license=LICENCE,
+        license=front_matter.LICENCE,
         library_name="labyrinth-datasets",
         pipeline_tag="reinforcement-learning",
         datasets=[dataset],
@@ -204,7 +204,7 @@ def _card(trained: Trained) -> str:
         code=code(),
         citation=citation(),
     )
-    return with_values(_front_matter(trained), text)
+    return front_matter.with_values(_front_matter(trained), text)
 
 
 def _sees(spec: PolicySpec) -> str:

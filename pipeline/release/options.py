@@ -5,9 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
-from labyrinth_core.storage import RemotePath
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option
@@ -133,7 +133,7 @@ def _after_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> tupl
 def _after_card(job: Job[WorkOptions], stages: Sequence[str]) -> tuple[str, ...]:
     if "build" not in stages:
         return ()
-    return LEARN if isinstance(job.data_dir, RemotePath) else LOOK
+    return LOOK if isinstance(job.data_dir, Path) else LEARN
 
 
 def _idle(options: Any) -> dict[str, str]:

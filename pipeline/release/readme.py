@@ -8,15 +8,23 @@ import yaml
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.evaluation import KnownDataset
-from labyrinth_core.language.text import dump
+from labyrinth_core.language import dump
 from labyrinth_core.world import Action
 from pipeline.inspection import front_matter
-from pipeline.inspection.companions import beside, companions
-from pipeline.inspection.front_matter import table_config
+from pipeline.inspection.companions import Companion
 from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery.markdown import count, meanings, plain, table, verbatim
+from pipeline.machinery.markdown import count, meanings, plain, table
 from pipeline.release.figures import BANNER, FIGURES, picture_path
-from pipeline.release.texts import Release, citation, code, command_lines, fill, paragraph, read
+from pipeline.release.texts import (
+    Release,
+    citation,
+    code,
+    command_lines,
+    fill,
+    paragraph,
+    read,
+    verbatim,
+)
 
 MOST_WORK = 2_000_000
 """The most labyrinths of test times their squared cells for which random steps are computed: the
@@ -117,7 +125,7 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
     section = fill(
         "labyrinth_table.md",
         table=Manifest.TABLE,
-        names=", ".join(f"`{table_config(dataset.name)}`" for dataset in datasets),
+        names=", ".join(f"`{front_matter.table_config(dataset.name)}`" for dataset in datasets),
         columns=meanings(TABLE_COLUMNS),
         name=release.name,
         revision=f"@{release.version}" if release.version else "",
@@ -129,7 +137,7 @@ def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, releas
 def _companions(datasets: Sequence[DatasetStatistics], release: Release) -> str:
     """Return the sections on configs beside the datasets, such as questions."""
     manifests = [dataset.manifest for dataset in datasets]
-    held = ((kind, beside(manifests, kind)) for kind in companions())
+    held = ((kind, kind.beside(manifests)) for kind in Companion.kinds())
     sections = (kind.section(own, release.name, release.version) for kind, own in held if own)
     return "".join(f"{section}\n" for section in sections)
 

@@ -169,10 +169,10 @@ class Repository:
                 "there is no Hub token: set HF_TOKEN, or run `hf auth login`, "
                 f"which leaves one in {constants.HF_TOKEN_PATH}"
             )
-        there = bool(self._call("repo_exists"))
-        if there:
+        is_there = bool(self._call("repo_exists"))
+        if is_there:
             self._call("auth_check", write=True)
-        return there
+        return is_there
 
     def create(self, *, private: bool) -> None:
         """Create the repository.
@@ -260,17 +260,17 @@ class Repository:
 
     def content(self, path: str, commit: str, digest: str) -> bytes:
         """Return a file of a commit, which has to have the hash that the Hub lists for it."""
-        place = hub.download(self.repo_id, self.repo_type, commit, [path]) / path
+        local = hub.download(self.repo_id, self.repo_type, commit, [path]) / path
 
         def is_whole() -> bool:
-            if not place.is_file():
+            if not local.is_file():
                 return False
-            content = place.read_bytes()
+            content = local.read_bytes()
             return digest in (git_hash(content), hashlib.sha256(content).hexdigest())
 
-        if not is_whole() and not (hub.download_again(place) and is_whole()):
+        if not is_whole() and not (hub.download_again(local) and is_whole()):
             raise PublishError(f"{self.repo_id}: the Hub lists {path}, but gives another content")
-        return place.read_bytes()
+        return local.read_bytes()
 
     def tags(self) -> dict[str, str]:
         """Return the commit that each tag points to."""
@@ -317,9 +317,9 @@ class Repository:
 
         After an error, the branch tells a commit whose answer was lost from a refused one.
         """
-        given = [(path, plan.files[path]) for path in plan.add]
+        added = [(path, plan.files[path]) for path in plan.add]
         # One by one, so that a run after an interruption does not send a file again.
-        additions = list(tracked(starmap(self._uploaded, given), "upload", total=plan.bytes))
+        additions = list(tracked(starmap(self._uploaded, added), "upload", total=plan.bytes))
         deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 
         def committed() -> str:
@@ -337,9 +337,9 @@ class Repository:
                 is_refused = status == 412
                 if status and not is_refused and hub.seconds_to_wait(error) is None:
                     raise
-                head, found = self.landed(title, plan, parent)
-                if found:
-                    return found
+                head, landed = self.landed(title, plan, parent)
+                if landed:
+                    return landed
                 if head != parent:
                     raise PublishError(reasons(self.repo_id)[412]) from error
                 if is_refused:
@@ -409,9 +409,9 @@ class Repository:
                 )
             return tags[tag]
 
-        if (found := hub.repeated(tagged)) != commit:
+        if (target := hub.repeated(tagged)) != commit:
             raise PublishError(
-                f"the tag {tag} of {self.repo_id} points to {found[:12]}, not to the release "
+                f"the tag {tag} of {self.repo_id} points to {target[:12]}, not to the release "
                 f"at {commit[:12]}: choose another publish.version"
             )
 

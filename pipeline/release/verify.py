@@ -118,10 +118,10 @@ def _scratch() -> Iterator[Path]:
         with suppress(OSError), LocalFile(lock).locked(wait=False):
             LocalFile(lock.with_suffix("")).remove()
     with (
-        tempfile.TemporaryDirectory(prefix=PREFIX) as place,
-        LocalFile(Path(f"{place}.lock")).locked(),
+        tempfile.TemporaryDirectory(prefix=PREFIX) as folder,
+        LocalFile(Path(f"{folder}.lock")).locked(),
     ):
-        yield Path(place)
+        yield Path(folder)
 
 
 def _environment(home: Path) -> dict[str, str]:
@@ -205,16 +205,16 @@ def check_config(
         names = f"{', '.join(splits)} instead of {', '.join(expected)}"
         raise DatasetError(f"{name}: the splits are {names}")
     for split, pattern in expected.items():
-        what, found = f"{name} {split}", splits[split]
+        what, rows = f"{name} {split}", splits[split]
         _tell(what)
-        for column, feature in found.features.items():
+        for column, feature in rows.features.items():
             if isinstance(feature, Image):
-                found = found.cast_column(column, Image(decode=False))
+                rows = rows.cast_column(column, Image(decode=False))
         first = _first_rows(folder, pattern)
-        if list(islice(found, len(first))) != first:
+        if list(islice(rows, len(first))) != first:
             raise DatasetError(f"{what}: the first rows are not those that were published")
-        if not streaming and len(found) != counts[split]:
-            told = f"there are {len(found)} rows instead of {counts[split]}"
+        if not streaming and len(rows) != counts[split]:
+            told = f"there are {len(rows)} rows instead of {counts[split]}"
             raise DatasetError(f"{what}: {told}")
 
 

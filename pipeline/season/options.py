@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 from labyrinth_core import typed
 from pipeline.config.errors import check
-from pipeline.config.option import DATASET_AND_CONFIG, option
+from pipeline.config.option import option
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job, Stage
 
@@ -45,7 +45,7 @@ class SeasonOptions:
         "",
         "dataset that the submission has learnt from, such as data/labyrinth/5x5, or "
         "user/labyrinth/5x5 on the Hub: the judge asks whether it remembers its train",
-        like=DATASET_AND_CONFIG,
+        is_dataset=True,
     )
 
 

@@ -15,7 +15,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.policies import SECONDS, PolicyNameError, files_of
 from labyrinth_core.world import Task
-from pipeline.season.files import private_folder
+from pipeline.season.commitment import private_folder
 
 
 class Submission(NamedTuple):

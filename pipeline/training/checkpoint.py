@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -17,7 +17,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from safetensors.torch import save as to_bytes
 from torch import Tensor, nn
 from torch.optim import Optimizer
@@ -216,8 +215,8 @@ def read_policy(
     settings: Any,
     spec: NetworkSpec,
     device: torch.device | str = "cpu",
-) -> Callable[[NDArray[Any]], NDArray[np.float32]]:
-    """Load the policy of a method from a file.
+) -> Any:
+    """Load the policy of a method from a file, as `Learner.player` takes it.
 
     Args:
         path: A file that `save_policy` wrote.

@@ -11,7 +11,7 @@ from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
 from labyrinth_core.learning import PolicySpec
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions

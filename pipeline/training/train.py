@@ -9,7 +9,6 @@ is in a hidden folder next to it, and an earlier run keeps its place.
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
@@ -20,16 +19,16 @@ import torch
 
 from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
 from pipeline.config.training import TrainingOptions
 from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import each_minute, progress, say
+from pipeline.machinery.console import progress, say
 from pipeline.machinery.folders import held, within
 from pipeline.machinery.sums import Sums
 from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
@@ -73,7 +72,7 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             holds another run.
     """
     folder = job.options.run_folder(job.dataset)
-    target = Path(os.path.realpath(folder)) if folder.is_symlink() else folder
+    target = WholeFolder.of(folder, RunRecord.FILE).folder
     working = within(target.parent, f".{target.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
     data = job.open_dataset(job.options.first_labyrinths)
@@ -269,5 +268,5 @@ def _reporting(
 
     with open_board(folder) if options.tensorboard else nullcontext() as board, progress() as bars:
         bar = bars.add_task(options.method_title, total=epochs)
-        with each_minute(bars, bar, " epochs", lambda: seconds):
+        with bars.each_minute(bar, " epochs", lambda: seconds):
             yield report

@@ -44,7 +44,7 @@ Build = Callable[..., Run]
         (["size=${foo}"], ["size", "foo"]),
         (['data_dir="~no-such-user/x"'], ["that user's home folder is unknown"]),
         (["stages=train", "method.epochs=[1,{a:2}]"], ["method.epochs=", "a single value"]),
-        (["buckets=${oc.env:HOME}"], ["buckets=", "buckets.NAME="]),
+        (["splits=${oc.env:HOME}"], ["splits=", "splits.NAME="]),
         (["method=[1]"], ["method=[1]: give one name, such as method=bc"]),
     ],
     ids=lambda value: " ".join(value[:2])[:40],

@@ -11,7 +11,6 @@ from typing import Any, get_type_hints
 from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
 from pipeline.command import composed
-from pipeline.command.dataset import BucketsConfig
 from pipeline.command.stages import STAGES
 from pipeline.config.stage import Job
 from pipeline.generation import build
@@ -58,8 +57,6 @@ def resolve(options: Any) -> Run:
 
 def run_of(data_dir: Path, **options: Any) -> Run:
     """Return the job with the options of `RunConfig`; a small one where they say nothing."""
-    if "buckets" in options:
-        options["buckets"] = BucketsConfig(*options["buckets"])
     small = {"stages": ["build"], "size": "3", "labyrinths": 8, "data_dir": str(data_dir)}
     return resolve(RunConfig(**small | options))
 

@@ -46,8 +46,7 @@ from labyrinth_core.learning.networks.slots import (
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec
 from labyrinth_core.world import Task
 
 

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.evaluation import PolicyError, TrainedRun
-from labyrinth_core.language.source_text import printable_line
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.network import Network, usual_defaults
 from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Task
 
 BATCH = 64
@@ -77,7 +77,6 @@ class NetworkPolicy:
 class TrainedPolicy(ABC):
     """A policy with one of the library's networks, ready for `evaluate`."""
 
-    network: nn.Module
     spec: PolicySpec
     """The specification, which says what the policy needs to see."""
     run: TrainedRun | None = None

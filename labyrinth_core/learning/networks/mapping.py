@@ -44,7 +44,7 @@ from labyrinth_core.learning.networks.slots import (
     places_of,
 )
 from labyrinth_core.learning.spec import MapperSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.world import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))

@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from labyrinth_core.learning.networks.network import ACTIONS, as_input, double
 from labyrinth_core.learning.spec import PlannerSpec
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.pictures import DEFAULT_STYLE, Colour
 
 FAR = 1e9
 """The cost of ending outside the picture."""

@@ -18,7 +18,8 @@ import yaml
 
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.inspection.front_matter import LICENCE
+from pipeline.inspection import front_matter
+from pipeline.machinery.markdown import plain
 
 
 @dataclass(frozen=True)
@@ -30,7 +31,7 @@ class Release:
     version: str | None = None
     export: str | None = None
     """The id of its export on the Hub, if the same command publishes one."""
-    licence: str = LICENCE
+    licence: str = front_matter.LICENCE
     """The licence that the card names, as the Hub spells it."""
 
     @property
@@ -48,7 +49,6 @@ class Release:
 
 def command(config: DatasetConfig) -> str:
     """Return the command line that makes a dataset, with every option."""
-    train, validation, test = config.buckets
     options: dict[str, object] = {
         "size": f"{config.height}x{config.width}",
         "task": config.task,
@@ -58,15 +58,15 @@ def command(config: DatasetConfig) -> str:
         "random_steps": config.random_steps,
         "sampler": config.sampler,
         "open_walls": config.open_walls,
-        "buckets.train": train,
-        "buckets.validation": validation,
-        "buckets.test": test,
+        "buckets": config.buckets,
         "splits.min_walls": config.min_walls,
         "seed": config.seed,
     }
-    for name, value in config.unusual_options().items():
-        options[name] = f"[{','.join(value)}]" if isinstance(value, tuple) else value
-    given = [f"{name}={value}" for name, value in options.items()]
+    options |= config.unusual_options()
+    given = [
+        f"{name}=[{','.join(map(str, value))}]" if isinstance(value, tuple) else f"{name}={value}"
+        for name, value in options.items()
+    ]
     return shlex.join(["labyrinth-datasets", *given])
 
 
@@ -92,6 +92,12 @@ def code() -> str:
         return version
     commit, changed, _ = done.stdout.strip().partition("-dirty")
     return f"{version}, git commit `{commit}`{' with changes' if changed else ''}"
+
+
+def verbatim(text: object) -> str:
+    """Return a text as code that is safe in a table; as `plain` text if it has a backtick."""
+    shown = " ".join(str(text).split())
+    return plain(shown) if "`" in shown else "`" + shown.replace("|", r"\|") + "`"
 
 
 def read(name: str) -> str:

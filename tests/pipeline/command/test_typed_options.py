@@ -92,7 +92,7 @@ def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
     "name", [name for name in LISTS if name != "export.splits" or "export" in STAGES]
 )
 def test_a_wrong_value_of_a_list_without_brackets_is_told_what_to_give(name: str) -> None:
-    with pytest.raises(ConfigError, match=rf"^{name}=\[nonsense\]: (choose from|give) "):
+    with pytest.raises(ConfigError, match=rf"^{name}=\[?nonsense\]?: (choose from|give) "):
         composed(f"{name}=nonsense", *ASKED.get(name, []))
 
 
@@ -134,7 +134,7 @@ def refused(argument: str) -> str:
         ("method.epoch", "did you mean method.epochs?"),
         ("method.learning_rat", "did you mean method.learning_rate?"),
         ("hydra.sweeep", "--help lists the options"),
-        ("buckets.xyz", "choose from [buckets.train, buckets.validation, buckets.test]"),
+        ("buckets.xyz", "did you mean buckets?"),
         ("zzz", "--help lists the options"),
     ],
 )
@@ -145,7 +145,7 @@ def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
 
 
 @pytest.mark.parametrize(
-    "argument", ["method=[]", "method=[bc,dagger]", "evaluation=x", "buckets=[3]"]
+    "argument", ["method=[]", "method=[bc,dagger]", "evaluation=x", "splits=[3]"]
 )
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
     with pytest.raises(ConfigError, match=r": give (one name, such as|its own options, as) "):

@@ -5,13 +5,12 @@ from __future__ import annotations
 from threading import Event
 
 import pytest
-from rich.progress import Progress
 
 from pipeline.machinery import console
 
 
 def test_a_bar_fills_by_the_amounts_of_finished_items(monkeypatch: pytest.MonkeyPatch) -> None:
-    bars = Progress(disable=True)
+    bars = console.Bars(disable=True)
     monkeypatch.setattr(console, "progress", lambda **_: bars)
     items = [(4, "first"), (16, "second")]
     shown = [(item, bars.tasks[0].completed) for item in console.tracked(items, "count", 20)]
@@ -33,16 +32,16 @@ def test_a_log_without_a_terminal_gets_a_line_a_minute(
             return minutes.pop(0)
 
     monkeypatch.setattr(console, "Event", Minutes)
-    bars = Progress(disable=True, get_time=lambda: now)
+    bars = console.Bars(disable=True, get_time=lambda: now)
     bar = bars.add_task("loss 0.5, best SR 48%", total=100)
-    with console.each_minute(bars, bar, " epochs"):
+    with bars.each_minute(bar, " epochs"):
         pass
     bars.update(bar, completed=60)
     minutes[:] = [False, True]
-    with console.each_minute(bars, bar, " epochs"):
+    with bars.each_minute(bar, " epochs"):
         pass
     minutes[:] = [False, True]
-    with console.each_minute(bars, bar, " epochs", lambda: 30.0):
+    with bars.each_minute(bar, " epochs", lambda: 30.0):
         pass
     assert capsys.readouterr().out.splitlines() == [
         *["loss 0.5, best SR 48%: 0 of 100 epochs"] * 2,
@@ -51,6 +50,6 @@ def test_a_log_without_a_terminal_gets_a_line_a_minute(
     ]
     monkeypatch.setattr(console.console, "_force_terminal", True)
     minutes[:] = [False, True]
-    with console.each_minute(bars, bar):
+    with bars.each_minute(bar):
         pass
     assert capsys.readouterr().out == ""

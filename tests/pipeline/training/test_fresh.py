@@ -20,7 +20,7 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.problem import FreshLabyrinths, Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError

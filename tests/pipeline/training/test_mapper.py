@@ -22,9 +22,9 @@ from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PolicySpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
+from labyrinth_core.pictures.renderer import Style
+from labyrinth_core.pictures.style import RECOLOURED
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate

@@ -17,7 +17,7 @@ from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import Observations, Steps
-from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures import Looks
 from pipeline.config.training import METHODS
 from pipeline.training.method import find
 

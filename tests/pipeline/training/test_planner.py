@@ -22,8 +22,7 @@ from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.planning import FAR, Bellman
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import ObservationSpec, render
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.training.checkpoint import read_policy
