@@ -1,24 +1,23 @@
-"""The check of an integer that a caller passes, and the limits of an option or a setting."""
+"""What values are allowed: an integer that a caller passes, a declared option or setting."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from math import inf
 from numbers import Integral
 from operator import index
-from typing import Any, NamedTuple
 
 
-class Limits(NamedTuple):
-    """The values that a declared option, or a setting of a method, may have.
-
-    They are the entry `checks` in the metadata of its field.
-    """
+@dataclass(frozen=True)
+class Checks:
+    """What the declaration of an option or a setting allows."""
 
     at_least: float | None = None
     """The minimum of a number; None leaves the number unchecked."""
     at_most: float = inf
-    one_of: list[Any] = []  # noqa: RUF012
+    one_of: Sequence[object] = ()
     """The allowed values; of a number, those besides numbers."""
     like: tuple[str, str] | None = None
     """A regular expression for the whole text, and a phrase that says what to give."""

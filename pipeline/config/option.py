@@ -13,7 +13,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
-from labyrinth_core.checks import Limits
+from labyrinth_core.checks import Checks
 from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
@@ -48,7 +48,7 @@ def option(
         is_dataset: Whether the value is a folder of datasets or an id on the Hub, with a config.
     """
     like = _LOCAL_FOLDER if is_local_folder else _DATASET if is_dataset else like
-    metadata = {"meaning": meaning, "checks": Limits(at_least, at_most, [*one_of], like)}
+    metadata = {"meaning": meaning, "checks": Checks(at_least, at_most, [*one_of], like)}
     if isinstance(default, dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
@@ -123,7 +123,7 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
             continue
         if "checks" not in each.metadata:
             continue
-        checks: Limits = each.metadata["checks"]
+        checks: Checks = each.metadata["checks"]
         low, one_of, like = checks.at_least, checks.one_of, checks.like
         name, value, kind = group + each.name, getattr(options, each.name), kinds[each.name]
         if kind is bool:

@@ -77,6 +77,7 @@ class NetworkPolicy:
 class TrainedPolicy(ABC):
     """A policy with one of the library's networks, ready for `evaluate`."""
 
+    network: Any
     spec: PolicySpec
     """The specification, which says what the policy needs to see."""
     run: TrainedRun | None = None
@@ -193,8 +194,6 @@ class LoadedPolicy(NetworkPolicy, TrainedPolicy):
 
 class LoadedMapper(MapperPolicy, TrainedPolicy):
     """The policy of a loaded mapper, for labyrinths of the size it was trained on."""
-
-    network: Mapper
 
     def __init__(self, network: Mapper, spec: PolicySpec) -> None:
         super().__init__(network, spec.network.height, spec.network.width)
