@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
 from importlib import import_module
@@ -26,6 +26,9 @@ from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.learning.steps import parts_of
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
+
+Acting = Callable[[NDArray[Any]], NDArray[np.float32]]
+"""A policy as a function from B observations to the scores of the four actions, shape (B, 4)."""
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -141,7 +144,7 @@ class Learner(ABC):
     @classmethod
     def figures(
         cls,
-        policy: NetworkPolicy,  # noqa: ARG003
+        policy: Acting,  # noqa: ARG003
         train: LabyrinthArrays,  # noqa: ARG003
         validation: LabyrinthArrays,  # noqa: ARG003
     ) -> dict[str, float]:
@@ -158,7 +161,7 @@ class Learner(ABC):
         return figures["validation_sr"] >= best["validation_sr"]
 
     @classmethod
-    def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
+    def player(cls, policy: Acting, spec: NetworkSpec, settings: Any) -> Any:  # noqa: ARG003
         """Return the policy that acts, in any form that `evaluate` accepts.
 
         By default it is a function, which has no memory and so is evaluated by look-ups. A method

@@ -33,7 +33,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.learner import Acting, BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.learning.networks.mapping import AROUND, Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import (
@@ -117,8 +117,9 @@ class Method(Learner):
         return PICTURE_SIZE
 
     @classmethod
-    def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
+    def player(cls, policy: Acting, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
         """Return a policy that plans with the network, and remembers its plan."""
+        assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
 
