@@ -10,7 +10,6 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from rich.progress import Progress
 from support.brute_force import World, fewest_moves, is_connected, loops, walk
 from support.making import Run
 from support.read_from_text import Shown, shown
@@ -364,7 +363,7 @@ def test_a_search_for_the_structures_of_a_shift_shows_a_bar(
     make_run: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The search for `longer` may take minutes."""
-    bars = Progress(disable=True)
+    bars = console.Bars(disable=True)
     monkeypatch.setattr(console, "progress", lambda **_: bars)
     sample(make_run(Path("nowhere"), labyrinths=4, shifts=("longer",)).dataset)
     assert [(bar.description, bar.completed, bar.total) for bar in bars.tasks] == [("longer", 4, 4)]
