@@ -17,9 +17,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, overload
+from typing import TYPE_CHECKING, Any, ClassVar, overload
 
-from labyrinth_core.storage import AnyPath, File, LocalFile, RemotePath
+from labyrinth_core.storage import AnyPath, File, LocalFile
+
+if TYPE_CHECKING:
+    from labyrinth_core.remote import RemotePath
 
 _REPLACED = ".replaced"
 """The suffix of a folder that another folder replaces."""
@@ -52,10 +55,10 @@ class WholeFolder(ABC):
     @staticmethod
     def of(folder: AnyPath, mark: str) -> WholeFolder:
         """Return the folder at a local path or in an object store."""
-        if isinstance(folder, RemotePath):
-            return RemoteFolder(folder, mark)
-        is_link = folder.is_symlink()
-        return LocalFolder(Path(os.path.realpath(folder)) if is_link else folder, mark)
+        if isinstance(folder, Path):
+            is_link = folder.is_symlink()
+            return LocalFolder(Path(os.path.realpath(folder)) if is_link else folder, mark)
+        return RemoteFolder(folder, mark)
 
     @abstractmethod
     def making(self, beside: AnyPath) -> AnyPath:

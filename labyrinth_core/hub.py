@@ -284,9 +284,9 @@ def commit_of(repo_id: str, repo_type: str, revision: str | None) -> str:
         ) from error
     if commit != known:
         with suppress(OSError):  # The cache need not be writable if it has the files.
-            place = _reference(repo_id, repo_type, name)
-            place.parent.mkdir(parents=True, exist_ok=True)
-            place.write_text(commit, encoding="utf-8")
+            reference = _reference(repo_id, repo_type, name)
+            reference.parent.mkdir(parents=True, exist_ok=True)
+            reference.write_text(commit, encoding="utf-8")
     return commit
 
 

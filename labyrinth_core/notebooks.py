@@ -10,7 +10,7 @@ WIDTH = 300
 
 def picture(labyrinth: Any) -> tuple[bytes, dict[str, int]]:
     """Return the picture of a `Labyrinth` as PNG, and the width at which to show it."""
-    from labyrinth_core.pictures.renderer import Painter
+    from labyrinth_core.pictures import Painter
 
     return Painter(labyrinth).png(labyrinth.initial), {"width": WIDTH}
 

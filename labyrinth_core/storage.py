@@ -1,9 +1,9 @@
 """Files in a local folder or in an object store, behind one interface.
 
 A local folder is a `pathlib.Path`. A URL that fsspec knows, such as `s3://bucket/data`, is a
-`RemotePath`, which has the methods of `Path` that this project needs. Writes are atomic: a local
-file is renamed into place, a remote file is a single upload. A symbolic link is replaced itself, so
-its target never changes; a device or a folder is never replaced.
+`RemotePath`, which has the methods of `Path` that this project needs. Files are written whole or
+not at all: a `LocalFile` is renamed into its place, a `RemoteFile` is a single upload. A symbolic
+link is replaced itself, so its target never changes; a device or a folder is never replaced.
 """
 
 from __future__ import annotations
@@ -13,39 +13,42 @@ import hashlib
 import json
 import os
 import shutil
-import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import Any, BinaryIO, NoReturn, cast
+from typing import TYPE_CHECKING, Any, NoReturn, TypeAlias
 from uuid import uuid4
 
-from labyrinth_core.errors import one_line
+from labyrinth_core.errors import DatasetError, naming, one_line
+
+if TYPE_CHECKING:
+    from labyrinth_core.remote import RemoteFile, RemotePath
 
 
-def folder_at(place: str | Path) -> AnyPath:
+def folder_at(source: str | Path) -> AnyPath:
     """Return the folder at a path or a URL.
 
     Raises:
         ValueError: The URL names no bucket or folder, fsspec does not know its protocol or lacks a
             library for it, or the path begins with `~` and the home folder is unknown.
     """
-    text = str(place)
+    text = str(source)
     if text.startswith("file://"):
         return Path(text.removeprefix("file://"))
     if "://" not in text:
         try:
-            return Path(place).expanduser()
+            return Path(source).expanduser()
         except RuntimeError as error:
             raise ValueError(f"{text}: the home folder of the user is unknown") from error
+    from labyrinth_core.remote import RemotePath, filesystem
+
     protocol, _, name = text.partition("://")
     if not name.strip("/"):
         raise ValueError(f"{text} names no bucket or folder: give one, such as {protocol}://name")
     try:
-        _filesystem(protocol)
+        filesystem(protocol)
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[s3]'" if protocol == "s3" else one_line(error)
         raise ValueError(f"{text} needs a library that is missing: {install}") from error
@@ -54,153 +57,7 @@ def folder_at(place: str | Path) -> AnyPath:
     return RemotePath(text.rstrip("/"))
 
 
-def _filesystem(protocol: str) -> Any:
-    """Return fsspec's shared file system of a protocol, whose library finds the credentials."""
-    import fsspec
-
-    if protocol == "hf":
-        from labyrinth_core import hub
-
-        hub.prepare_client()
-    # A cached listing would hide what other processes write.
-    return fsspec.filesystem(protocol, use_listings_cache=False)
-
-
-@dataclass(frozen=True)
-class RemotePath:
-    """A file or folder in an object store, with methods of `Path`.
-
-    Every method raises OSError if the store fails, FileNotFoundError if nothing is there.
-    """
-
-    url: str
-
-    def __str__(self) -> str:
-        return self.url
-
-    def __truediv__(self, name: str) -> RemotePath:
-        return RemotePath(f"{self.url}/{name}")
-
-    @property
-    def name(self) -> str:
-        return self.url.rpartition("/")[2]
-
-    @property
-    def parent(self) -> RemotePath:
-        return RemotePath(self.url.rpartition("/")[0])
-
-    def _ask(self, question: Callable[[Any, str], Any]) -> Any:
-        """Call `question` with the file system and the path in it, and return its result."""
-        try:
-            store = _filesystem(self.url.partition("://")[0])
-            place = store._strip_protocol(self.url)
-            if not self.url.startswith("hf://"):
-                return question(store, place)
-            from labyrinth_core import hub
-
-            try:
-                return hub.repeated(lambda: question(store, place))
-            except FileNotFoundError:  # Perhaps by a listing that came wrong, and is kept.
-                store.invalidate_cache()
-                return hub.repeated(lambda: question(store, place))
-        except FileNotFoundError:
-            raise
-        except Exception as error:  # Each store has errors of its own, such as botocore's.
-            if isinstance(error, OSError) and error.filename:
-                raise
-            number = getattr(error, "errno", None) or errno.EIO
-            reason = f"{type(error).__name__}: {one_line(error)}"
-            raise OSError(number, reason, self.url) from error
-
-    def _kind(self, *, anew: bool = False) -> str | None:
-        """Return `file` or `directory`, or None if nothing is there.
-
-        The store's own `exists`, `isfile` and `isdir` may take any error for no.
-
-        Args:
-            anew: Whether to ask for a new listing of a store that keeps some.
-        """
-
-        def asked(store: Any, path: str) -> str:
-            if anew:
-                store.invalidate_cache()
-            return str(store.info(path)["type"])
-
-        try:
-            return cast("str", self._ask(asked))
-        except FileNotFoundError:
-            return None
-
-    def exists(self) -> bool:
-        return self._kind() is not None
-
-    def is_dir(self) -> bool:
-        return self._kind(anew=True) == "directory"
-
-    def is_file(self) -> bool:
-        return self._kind() == "file"
-
-    def glob(self, pattern: str) -> Iterator[RemotePath]:
-        """Yield the paths that match `pattern`; this folder's own path is taken literally."""
-        first, _, rest = pattern.partition("/")
-        for name, is_dir in self._listed():
-            if fnmatchcase(name, first) and not rest:
-                yield self / name
-            elif fnmatchcase(name, first) and is_dir:
-                yield from (self / name).glob(rest)
-
-    def _listed(self) -> list[tuple[str, bool]]:
-        """Return the sorted names in this folder, each with whether it is a folder."""
-        try:
-            base, found = self._ask(lambda store, path: (path, store.ls(path, detail=True)))
-        except FileNotFoundError:
-            return []
-        paths = {each["name"].rstrip("/"): each["type"] == "directory" for each in found}
-        paths.pop(base.rstrip("/"), None)  # The folder itself, or a file.
-        return sorted((path.rpartition("/")[2], is_dir) for path, is_dir in paths.items())
-
-    def iterdir(self) -> Iterator[RemotePath]:
-        return self.glob("*")
-
-    def is_symlink(self) -> bool:
-        """Return False: an object store has no links."""
-        return False
-
-    def absolute(self) -> RemotePath:
-        """Return the same path: every URL is absolute."""
-        return self
-
-    def rmdir(self) -> None:
-        """Do nothing: an object store has no empty folders."""
-
-    def mkdir(self, *, parents: bool = False, exist_ok: bool = False) -> None:
-        """Do nothing: an object store makes a folder with the first file in it."""
-
-    def open(self, mode: str) -> BinaryIO:
-        """Open for reading, mode "rb"."""
-        return cast("BinaryIO", self._ask(lambda store, path: store.open(path, mode)))
-
-    def open_ranges(self) -> BinaryIO:
-        """Open for reading by byte ranges, each downloaded as requested and none ahead."""
-        opened = self._ask(lambda store, path: store.open(path, "rb", cache_type="none"))
-        return cast("BinaryIO", opened)
-
-    def read_bytes(self) -> bytes:
-        return bytes(self._ask(lambda store, path: store.cat_file(path)))
-
-    def read_text(self, encoding: str) -> str:
-        return self.read_bytes().decode(encoding)
-
-    def upload(self, local: Path) -> None:
-        """Upload a local file to this path."""
-        self._ask(lambda store, path: store.put_file(str(local), path))
-
-    def unlink(self, *, missing_ok: bool = False) -> None:
-        if not missing_ok or self.exists():
-            self._ask(lambda store, path: store.rm_file(path))
-
-
-AnyPath = Path | RemotePath
+AnyPath: TypeAlias = "Path | RemotePath"
 
 
 @dataclass(frozen=True)
@@ -215,11 +72,7 @@ class File:
         Raises:
             OSError: The file cannot be written, or something that is not a regular file is there.
         """
-        if isinstance(self.path, RemotePath):
-            self.path._ask(lambda store, place: store.pipe_file(place, content))
-            return
-        with LocalFile(self.path).replacing() as temporary:
-            temporary.write_bytes(content)
+        self._own.write_bytes(content)
 
     def write_text(self, text: str) -> None:
         """Write the file as text in UTF-8."""
@@ -244,36 +97,63 @@ class File:
                 digest.update(block)
         return digest.hexdigest()
 
-    def remove(self) -> None:
-        """Remove the file, or a local folder with its content, even if a process writes there."""
-        if isinstance(self.path, Path) and self.path.is_dir() and not self.path.is_symlink():
-            shutil.rmtree(self.path, ignore_errors=True)
-        else:
-            self.path.unlink(missing_ok=True)
-
     def size_and_time(self) -> tuple[int, float]:
         """Return the size in bytes and the modification time in seconds, without reading it."""
-        if isinstance(self.path, Path):
-            status = self.path.stat()
-            return status.st_size, status.st_mtime
-        size, written = self.path._ask(
-            lambda store, place: (store.size(place), store.modified(place))
-        )
-        return int(size), written.timestamp()
+        status = self.path.stat()
+        return status.st_size, status.st_mtime
 
-    @contextmanager
-    def local_copy(self) -> Iterator[Path]:
+    def local_copy(self) -> AbstractContextManager[Path]:
         """Yield an absolute local path with the content: its own, or of a temporary download.
 
         Arrow would take a relative path with a colon for a URL.
         """
+        return self._own.local_copy()
+
+    def replacing(self, scratch: AnyPath | None = None) -> AbstractContextManager[Path]:
+        """Yield a temporary local path, which replaces the file when the block ends.
+
+        Args:
+            scratch: The folder of the temporary file, on the same disk as a local path; None for
+                the file's own. After a kill it is one of the `temporaries` there. A process that
+                was given up may still write there while another makes the same file.
+
+        Raises:
+            OSError: The file cannot be written, or something that is not a regular file is there.
+        """
+        return self._own.replacing(scratch)
+
+    def held(self, name: str, before_waiting: Callable[[], None]) -> AbstractContextManager[bool]:
+        """Hold the lock of a file or folder in this folder, which one process at a time changes.
+
+        Object stores and some file systems have no locks: there the context begins at once. The
+        context gives whether the lock is held, so that what other processes left there is of dead
+        ones. The folder is created if it does not exist; then removed if it is empty at the end.
+
+        Args:
+            name: The file or folder to change. Temporary files of it, from killed processes, are
+                removed.
+            before_waiting: Called before waiting for another process that holds the lock.
+
+        Raises:
+            DatasetError: A file is in the place of the folder.
+        """
+        return self._own.held(name, before_waiting)
+
+    def names(self) -> list[str]:
+        """Return the paths of all files in this folder, relative to it."""
+        return self._own.names()
+
+    def remove(self) -> None:
+        """Remove the file, or a local folder with its content, even if a process writes there."""
+        self._own.remove()
+
+    @property
+    def _own(self) -> LocalFile | RemoteFile:
         if isinstance(self.path, Path):
-            yield self.path.absolute()
-            return
-        with tempfile.TemporaryDirectory(prefix="labyrinth-") as folder:
-            local = Path(folder) / self.path.name
-            self.path._ask(lambda store, place: store.get_file(place, str(local)))
-            yield local
+            return LocalFile(self.path)
+        from labyrinth_core.remote import RemoteFile
+
+        return RemoteFile(self.path)
 
 
 @dataclass(frozen=True)
@@ -320,39 +200,75 @@ class LocalFile(File):
             names: The names in it whose temporary paths to return.
             suffix: As for `temporary`.
         """
-        found = []
+        paths = []
         for path in folder.iterdir() if folder.is_dir() else ():
             name = path.name.removesuffix(suffix).rpartition(".")[0]
             if name.rpartition(".")[0][1:] in names and path.name == _sealed(name, suffix):
-                found.append(path)
-        return found
+                paths.append(path)
+        return paths
 
-    @contextmanager
-    def naming(self, temporary: Path | None = None) -> Iterator[None]:
+    def naming(self, temporary: Path | None = None) -> AbstractContextManager[None]:
         """Put the path into an OSError that names no file, as for a full disk, or `temporary`."""
-        try:
-            yield
-        except OSError as error:
-            if error.filename in (None, str(temporary)):
-                error.filename = str(self.path)
-            raise
+        return naming(self.path, temporary)
+
+    def write_bytes(self, content: bytes) -> None:
+        """Write the file."""
+        with self.replacing() as temporary:
+            temporary.write_bytes(content)
 
     @contextmanager
-    def replacing(self) -> Iterator[Path]:
-        """Yield a temporary path, which replaces the file when the block ends.
-
-        Raises:
-            OSError: The file cannot be written, or something that is not a regular file is there.
-        """
+    def replacing(self, scratch: AnyPath | None = None) -> Iterator[Path]:
+        """Yield a temporary path, which then replaces the file; see `File.replacing`."""
         # Another process that makes the same file uses another name.
         path = self.replaceable()
-        temporary = self.temporary()
+        beside = path if scratch is None else Path(str(scratch)).absolute() / path.name
+        temporary = LocalFile(beside).temporary()
         try:
             with self.naming(temporary):
                 yield temporary
                 temporary.replace(path)
         finally:
             temporary.unlink(missing_ok=True)
+
+    @contextmanager
+    def local_copy(self) -> Iterator[Path]:
+        """Yield the absolute path."""
+        yield self.path.absolute()
+
+    @contextmanager
+    def held(self, name: str, before_waiting: Callable[[], None]) -> Iterator[bool]:
+        """Hold the lock of a name in the folder; see `File.held`."""
+        folder = self.path
+        with ExitStack() as stack:
+            # Callbacks run last to first, so the innermost folder is removed before the others.
+            for path in [*reversed(folder.parents), folder]:
+                if not path.exists():
+                    stack.callback(_remove_if_empty, path)
+            with suppress(OSError):  # A folder that cannot be written is reported by the caller.
+                folder.mkdir(parents=True, exist_ok=True)
+            if file := next((path for path in [folder, *folder.parents] if path.is_file()), None):
+                raise DatasetError(f"{file} is a file: move it, or choose another folder")
+            is_locked = False
+            try:
+                stack.enter_context(LocalFile(folder / f".{name}.lock").locked(before_waiting))
+                is_locked = True
+                for unfinished in LocalFile.temporaries(folder, [name]):
+                    LocalFile(unfinished).remove()
+            except OSError:  # Reported by the caller, or the file system has no locks.
+                pass
+            yield is_locked
+
+    def names(self) -> list[str]:
+        """Return the paths of all files in the folder at any depth, relative to it."""
+        files = [path for path in self.path.rglob("*") if path.is_symlink() or not path.is_dir()]
+        return sorted(path.relative_to(self.path).as_posix() for path in files)
+
+    def remove(self) -> None:
+        """Remove the file, or the folder with its content."""
+        if self.path.is_dir() and not self.path.is_symlink():
+            shutil.rmtree(self.path, ignore_errors=True)
+        else:
+            self.path.unlink(missing_ok=True)
 
     @contextmanager
     def locked(
@@ -390,16 +306,21 @@ class LocalFile(File):
             lock.release()
 
 
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
+
+
 def _sealed(name: str, suffix: str) -> str:
     return f"{name}.{hashlib.sha256(os.fsencode(name)).hexdigest()[:8]}{suffix}"
 
 
 def _unambiguous(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    values = dict(pairs)
+    if len(values) < len(pairs):
         twice, _ = Counter(name for name, _ in pairs).most_common(1)[0]
         raise ValueError(f"{twice!r:.60} appears twice in one object")
-    return found
+    return values
 
 
 def _no_number(word: str) -> NoReturn:

@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.terminal import printable_line
 
 MOST = 10**15
 """No number in our files is larger; JavaScript, on the report's page, holds it exactly."""
@@ -85,13 +85,13 @@ class _UnfitError(ValueError):
         self.place = ""
 
 
-def read_as(kind: Any, value: Any, place: str = "it") -> Any:
+def read_as(kind: Any, value: Any, name: str = "it") -> Any:
     """Return a value from JSON as a type; objects become dataclasses or dictionaries.
 
     Args:
         kind: The type.
         value: The value, from `read_json`.
-        place: What the value is, for errors.
+        name: What the value is, for errors.
 
     Raises:
         ValueError: It has another type; the message gives the place, the value and what is allowed.
@@ -99,7 +99,7 @@ def read_as(kind: Any, value: Any, place: str = "it") -> Any:
     try:
         return _reader(kind)(value)
     except _UnfitError as unfit:
-        raise ValueError(f"{place}{unfit.place} {unfit}") from None
+        raise ValueError(f"{name}{unfit.place} {unfit}") from None
 
 
 @cache
@@ -178,7 +178,7 @@ def _any_of(kinds: tuple[Any, ...]) -> Reader:
 def _items(kind: type, parts: tuple[Any, ...]) -> Reader:
     """Return a reader of a list, with one type for all items or one for each."""
     alike = kind is list or parts[1:] == (...,)
-    readers = [_reader(each) for each in (parts[:1] if alike else parts)]
+    readers = [_reader(part) for part in (parts[:1] if alike else parts)]
 
     def read(value: Any) -> Any:
         if not isinstance(value, list) or not (alike or len(value) == len(readers)):
@@ -200,12 +200,12 @@ def _entries(name: Any, of: Any) -> Reader:
     def read(value: Any) -> dict[str, Any]:
         if not isinstance(value, dict):
             raise _UnfitError(f"is {value!r:.60}, not an object")
-        for each in value:
+        for key in value:
             try:
-                name_of(each)
+                name_of(key)
             except _UnfitError as unfit:
                 raise _UnfitError(f"has a name that {unfit}") from None
-        return {each: _at(f".{printable_line(each):.100}", value_of, value[each]) for each in value}
+        return {key: _at(f".{printable_line(key):.100}", value_of, value[key]) for key in value}
 
     return read
 
@@ -213,12 +213,12 @@ def _entries(name: Any, of: Any) -> Reader:
 def _fields(kind: Any) -> Reader:
     """Return a reader of an object with certain names: a dataclass or a TypedDict."""
     closed, hints = is_dataclass(kind), get_type_hints(kind, include_extras=True)
-    names = [each.name for each in fields(kind)] if closed else hints
+    names = [own_field.name for own_field in fields(kind)] if closed else hints
     readers = {name: _reader(hints[name]) for name in names}
     optional = {
-        each.name
-        for each in (fields(kind) if closed else ())
-        if (each.default, each.default_factory) != (MISSING, MISSING)
+        own_field.name
+        for own_field in (fields(kind) if closed else ())
+        if (own_field.default, own_field.default_factory) != (MISSING, MISSING)
     }
 
     def read(value: Any) -> Any:
@@ -229,15 +229,15 @@ def _fields(kind: Any) -> Reader:
                 raise _UnfitError(f"has no {name}")
         for name in value.keys() - readers.keys() if closed else ():
             raise _UnfitError(f"has {printable_line(name):.60}, which is unknown")
-        found = {n: _at(f".{n}", readers[n], value[n]) for n in readers if n in value}
-        return kind(**found) if closed else value | found
+        values = {n: _at(f".{n}", readers[n], value[n]) for n in readers if n in value}
+        return kind(**values) if closed else value | values
 
     return read
 
 
-def _at(place: str, reader: Reader, value: Any) -> Any:
+def _at(step: str, reader: Reader, value: Any) -> Any:
     try:
         return reader(value)
     except _UnfitError as unfit:
-        unfit.place = place + unfit.place
+        unfit.place = step + unfit.place
         raise

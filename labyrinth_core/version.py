@@ -15,7 +15,7 @@ def build_versions() -> dict[str, str]:
 
     import numpy as np
 
-    from labyrinth_core.pictures.png import ENCODER
+    from labyrinth_core.pictures import ENCODER
 
     return {
         "labyrinth-datasets": __version__,

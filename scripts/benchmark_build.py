@@ -27,11 +27,10 @@ from measuring import cpu_seconds, forget, machine, parser_of, ratio, run_comman
 from PIL import Image
 
 from labyrinth_core.data import Manifest
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures import Painter, StatePictures
 from labyrinth_core.world import Labyrinth, State
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
-from pipeline.generation.shard import Pictures
 
 
 class Scale(NamedTuple):
@@ -53,7 +52,7 @@ SCALES = {
 
 
 class PillowPictures(dict[State, tuple[bytes, bytes]]):
-    """Replaces `shard.Pictures`: encodes all pixels with Pillow at its default level."""
+    """Replaces `StatePictures`: encodes all pixels with Pillow at its default level."""
 
     def __init__(self, labyrinth: Labyrinth) -> None:
         super().__init__()
@@ -74,7 +73,7 @@ def rate(size: str, labyrinths: int, goals: str, pictures: type) -> float:
     """Build a dataset with cold caches, and return the rows per second of CPU time."""
     forget()
     with (
-        patch("pipeline.generation.shard.Pictures", pictures),
+        patch("pipeline.generation.shard.StatePictures", pictures),
         tempfile.TemporaryDirectory() as folder,
         Path(os.devnull).open("w") as nowhere,
         redirect_stdout(nowhere),
@@ -98,7 +97,7 @@ def compare(size: str, labyrinths: int, rounds: int) -> None:
     for place, goals in (("corners", "fixed"), ("anywhere", "varied")):
         ways = {
             name: partial(rate, size, labyrinths, goals, pictures)
-            for name, pictures in (("ours", Pictures), ("Pillow", PillowPictures))
+            for name, pictures in (("ours", StatePictures), ("Pillow", PillowPictures))
         }
         rates = take_turns(ways, rounds)
         ours, theirs = (median(of_way) for of_way in rates.values())

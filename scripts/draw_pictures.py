@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import sync_playwright
 
-from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.pictures import animate
 from labyrinth_core.world import Episode, Placer, Solver, Structure, Task
 from pipeline.command.composed import ALL, resolve
 from pipeline.generation import build
@@ -36,8 +36,8 @@ def optimal_episode(task: Task, size: int) -> Episode:
 
 def draw_tasks() -> None:
     """Write an animated GIF with an optimal episode of each task."""
-    episodes = [frames_of(optimal_episode(task, 5), 200) for task in Task]
-    (FOLDER / "tasks.gif").write_bytes(gif([beside(*episodes)]))
+    episodes = [optimal_episode(task, 5) for task in Task]
+    (FOLDER / "tasks.gif").write_bytes(animate(*episodes, image_size=200))
 
 
 def draw_report() -> None:

@@ -38,6 +38,8 @@ def commands(size: int, folder: Path) -> Iterator[tuple[str, str]]:
     runs = f"run_dir={folder}/runs threads=1"
     for stage in ("build", "validate", "analyse", "card", "questions"):
         yield stage, f"{own} stages={stage}"
+    release = "publish.repo_id=user/labyrinth publish.version=1.0.0 publish.dry_run=true"
+    yield "publish", f"{own} stages=publish {release}"
     for form in ("minari", "imitation", "lerobot"):
         yield f"export={form}", f"{own} stages=export export={form} export.folder={folder}/exports"
     yield "certify", f"{own} stages=certify certify.source={folder}/data/{size}x{size}"

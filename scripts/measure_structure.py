@@ -24,9 +24,12 @@ PACKAGES = ("labyrinth_core", "pipeline")
 
 SMALL = ["size=3", "labyrinths=4"]
 TRAINED = [*SMALL, "stages=[build,train]", "method.epochs=1"]
+LOAD = "load_transitions"
+"""In place of options: the dataset that a build has left is loaded, and cached."""
 SEASON = ["size=3", "labyrinths=16", "season.name=a", "season.date=2026-01-01"]
 RUNS = {
     "stages=build": [[*SMALL, "stages=build"]],
+    "load_transitions, cold": [[*SMALL, "stages=build"], [LOAD]],
     "main job": [SMALL],
     "stages=evaluate": [TRAINED, [*SMALL, "stages=evaluate"]],
     "stages=judge": [
@@ -56,7 +59,11 @@ def watch(frame, event, argument):
         at = at.f_back
     deepest = max(deepest, depth)
 sys.argv = ["labyrinth-datasets", *options]
-from pipeline.__main__ import main
+if options == ["load_transitions"]:
+    from labyrinth_core import load_transitions
+    main = lambda: load_transitions("data/labyrinth", "3x3", cache_dir="cache")
+else:
+    from pipeline.__main__ import main
 sys.setprofile(watch)
 try:
     main()

@@ -31,7 +31,11 @@ from typing import NamedTuple
 ROOT = Path(__file__).resolve().parents[1]
 
 WINGS = ("certify", "export", "questions", "release", "report", "results", "season")
-"""The folders of `pipeline/` that can be removed, each with the folders of tests of its name."""
+"""The folders of `pipeline/` that can be removed, each with the folders of its name in
+`tests/pipeline/` and `tests/scripts/`."""
+
+LIBRARY_OF_WINGS = {"certify": "benchmarks"}
+"""Wing -> the folder of the library that no other room uses, and that goes with it."""
 
 TESTS_OF_WINGS = {
     "tests.hub.test_releasing": {"release"},
@@ -75,9 +79,14 @@ def copy_to(copy: Path) -> None:
 
 def files_of(root: Path, wing: str) -> Iterator[Path]:
     """Yield the folders and modules that belong to a wing alone."""
-    folders = (root / "pipeline" / wing, root / "conf" / wing)
-    yield from (path for path in folders if path.exists())
-    yield from (path for path in root.glob(f"tests/**/{wing}") if path.is_dir())
+    library = LIBRARY_OF_WINGS.get(wing, "")
+    paths = [root / "pipeline" / wing, root / "conf" / wing]
+    if library:
+        paths += [root / "labyrinth_core" / library, root / "tests/labyrinth_core" / library]
+        paths.append(root / f"docs/reference/{library}.md")
+    for tests in ("pipeline", "scripts"):
+        paths += [path for path in root.glob(f"tests/{tests}/**/{wing}") if path.is_dir()]
+    yield from (path for path in paths if path.exists())
     for module, wings in TESTS_OF_WINGS.items():
         if wing in wings:
             yield root / f"{module.replace('.', '/')}.py"
@@ -110,6 +119,12 @@ def without(line: str, is_gone: Callable[[str], bool]) -> str:
     return f"{' | '.join(cells)} | {'; '.join(clauses)} |\n" if clauses else ""
 
 
+def drop(path: Path, line: str) -> None:
+    """Remove the lines of a file that match a pattern."""
+    text = path.read_text(encoding="utf-8")
+    path.write_text(re.sub(rf"^{line}\n", "", text, flags=re.MULTILINE), encoding="utf-8")
+
+
 def remove(copy: Path, wings: Sequence[str]) -> Removed:
     """Delete wings from a copy of the checkout."""
     before = {path: path.read_bytes() for path in copy.rglob("*") if path.is_file()}
@@ -120,9 +135,14 @@ def remove(copy: Path, wings: Sequence[str]) -> Removed:
             path.unlink(missing_ok=True)
     gone = [path for path in before if not path.exists()]
     names = "|".join(wings)
-    declaration = copy / DECLARATION
-    text = declaration.read_text(encoding="utf-8")
-    declaration.write_text(re.sub(rf'^    "({names})",\n', "", text, flags=re.M), encoding="utf-8")
+    libraries = "|".join(LIBRARY_OF_WINGS[wing] for wing in wings if wing in LIBRARY_OF_WINGS)
+    drop(copy / DECLARATION, rf'    "({names})",')
+    if libraries:
+        drop(copy / "labyrinth_core/__init__.py", rf".*\b({libraries})\..*")
+        drop(copy / "mkdocs.yml", rf".* reference/({libraries})\.md")
+        public = run(copy, "-c", "import labyrinth_core; print(*labyrinth_core.__all__)").stdout
+        kept = "|".join(public.split())
+        drop(copy / "docs/reference/library.md", rf"::: labyrinth_core\.(?!({kept})$)\w+")
     for path in copy.rglob("*.md"):
         if path.name != "CHANGELOG.md":
             lines = path.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -138,7 +158,8 @@ def remove(copy: Path, wings: Sequence[str]) -> Removed:
         kept = Counter(path.read_bytes().splitlines())
         if lost := (Counter(before[path].splitlines()) - kept).total():
             changed[path.relative_to(copy).as_posix()] = lost
-    imported = re.compile(rf"^\s*(from|import) pipeline\.({names})\b", re.MULTILINE)
+    rooms = rf"pipeline\.({names})\b" + rf"|labyrinth_core\.({libraries})\b" * bool(libraries)
+    imported = re.compile(rf"^\s*(from|import) ({rooms})", re.MULTILINE)
     scripts = [
         path.relative_to(copy / "scripts").as_posix()
         for path in sorted(copy.glob("scripts/**/*"))

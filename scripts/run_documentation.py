@@ -146,6 +146,8 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
     names: dict[str, Any] = {"__name__": "__main__"}
     blocks = list(BLOCK.finditer(page.read_text(encoding="utf-8")))
     register()
+    if "" not in sys.path:
+        sys.path.insert(0, "")  # Python blocks import files that the page wrote, as at a prompt.
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         for name in CLONE:

@@ -26,8 +26,9 @@ from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.env.observation import PLAYED
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
+from labyrinth_core.pictures import COLOURS_IN_WORDS
 from labyrinth_core.pictures.observations import KINDS
-from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Style
+from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.world import TILES, Labyrinth, Look, Solver, Task, sample_labyrinth
 from labyrinth_core.world.tasks import PLACEMENTS
 from pipeline.generation.labyrinths import NEW_STRUCTURES

@@ -17,7 +17,7 @@ import yaml
 import labyrinth_core
 from labyrinth_core import __version__
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.world import Task
 from pipeline.command.composed import DEFAULTS, OPTIONS

@@ -27,6 +27,7 @@ WITHOUT_A_SHELL = [
     ("```sh\ntrue  # A word for zsh.\n```", "a comment"),
     ("```python\nx = 1\n```\ntext\n```python\nassert x == 2\n```", "AssertionError"),
     (NOT_RUN + "```python\nx\n```", ""),
+    ("<!-- written to of_a_page.py -->\n```python\n```\n```python\nimport of_a_page\n```", ""),
     (NOT_RUN + "```python\nx y\n```", "SyntaxError"),
 ]
 """Pages, and what is found in each; nothing where it does what it says."""

@@ -31,7 +31,7 @@ from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
 from labyrinth_core.benchmarks.repeats import CHECKED, check_seeds
 from labyrinth_core.benchmarks.seeds import Seeds, evenly, seeds_of, text_of
 from labyrinth_core.benchmarks.spread import MOST_SEEDS, Ranges
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.terminal import printable
 
 CHUNK = 100
 """The number of seeds that are looked at in one environment."""
@@ -160,19 +160,19 @@ def _sample(space: Any, rng: np.random.Generator) -> Any:
 def _certify_records(path: Path, train: object, test: object) -> Certificate:
     if train is not None or test is not None:
         raise CertifyError(f"{path}: the records name their splits: leave out train and test")
-    found = read_records(path)
-    versions = found.head.get("versions")
+    records = read_records(path)
+    versions = records.head.get("versions")
     versions = versions if isinstance(versions, dict) else {}
-    checked = f"{found.again:,} were recorded more than once"
+    checked = f"{records.again:,} were recorded more than once"
     return Certificate(
-        environment=printable(str(found.head.get("environment", path.name)))[:200],
+        environment=printable(str(records.head.get("environment", path.name)))[:200],
         arguments={"environment": path.name},
         versions={printable(str(k)): printable(str(v)) for k, v in versions.items()},
-        train=found.splits["train"],
-        test=found.splits["test"],
-        reasons=found.reasons,
-        checked=checked if found.again else "",
-        notes=() if found.again else ("no seed was recorded twice, so none was checked",),
+        train=records.splits["train"],
+        test=records.splits["test"],
+        reasons=records.reasons,
+        checked=checked if records.again else "",
+        notes=() if records.again else ("no seed was recorded twice, so none was checked",),
     )
 
 
@@ -191,8 +191,8 @@ class _Job:
         self, function: Callable[[int], Any], seeds: Sequence[int], label: str
     ) -> Iterator[Any]:
         """Yield a function of each seed, in order, under a progress bar."""
-        for found in self.map(partial(_every, function), seeds, label):
-            yield from found
+        for result in self.map(partial(_every, function), seeds, label):
+            yield from result
 
     def map(
         self, function: Callable[[tuple[int, ...]], Any], seeds: Sequence[int], label: str
@@ -206,8 +206,8 @@ class _Job:
         hidden = not (self.progress and console.is_terminal)
         with Progress(console=console, transient=True, disable=hidden) as bars:
             bar = bars.add_task(label, total=len(seeds))
-            for chunk, found in zip(chunks, self._results(function, chunks), strict=True):
-                yield found
+            for chunk, results in zip(chunks, self._results(function, chunks), strict=True):
+                yield results
                 bars.advance(bar, len(chunk))
 
     def _results(
@@ -269,7 +269,7 @@ def _look_at(
                 reasons.setdefault("first", text)
                 reasons.setdefault("probes", text)
         for measure in MEASURES if chunk.again else ():
-            one, other = (getattr(each, measure) for each in chunk.again)
+            one, other = (getattr(episode, measure) for episode in chunk.again)
             if one != other or chunk.again[1].error:
                 text = f"seed {chunk.again[0].seed} gave something else after other episodes"
                 reasons.setdefault(measure, text)
@@ -278,20 +278,20 @@ def _look_at(
         finer = next((at for at in (1, 0) if MEASURES[at] not in reasons), None)
         if finer is not None and (text := _left_out(every, numbers[2], numbers[finer], errors)):
             reasons["state"] = text
-    place = {seed: at for at, seed in enumerate(every)}
+    index_of = {seed: at for at, seed in enumerate(every)}
     stand = [m for m in MEASURES if m not in reasons and (m != "state" or job.protocol.state)]
-    found = {}
+    splits = {}
     for split, of_split in seeds.items():
         usable = tuple(seed for seed in of_split if seed not in errors)
         if not usable:
             seed = of_split[0]
             name = job.protocol.maker.name
             raise CertifyError(f"{name} fails at all {split} seeds; seed {seed}: {errors[seed]}")
-        columns = numbers[:, [place[seed] for seed in usable]]
+        columns = numbers[:, [index_of[seed] for seed in usable]]
         digests = dict(zip(MEASURES, columns, strict=True))
         failed = tuple((seed, errors[seed]) for seed in of_split if seed in errors)
-        found[split] = Split(usable, {measure: digests[measure] for measure in stand}, failed)
-    return found
+        splits[split] = Split(usable, {measure: digests[measure] for measure in stand}, failed)
+    return splits
 
 
 def _left_out(
@@ -315,7 +315,7 @@ def _look_at_chunk(protocol: Protocol, compared: frozenset[int], seeds: tuple[in
     again = None
     with contextlib.redirect_stdout(io.StringIO()):
         seen = [*look(protocol, stage, seeds, ranges, compared)]
-        fine = next((each for each in seen if not each.error), None)
+        fine = next((episode for episode in seen if not episode.error), None)
         if fine is not None and len(seeds) > 1:
             again = fine, next(look(protocol, stage, [fine.seed]))
     stage.close()

@@ -93,7 +93,7 @@ def _encode_float(value: float) -> bytes:
 
 
 def _encode_mapping(value: Mapping[Any, Any]) -> bytes:
-    pairs = sorted(encode(key) + encode(each) for key, each in value.items())
+    pairs = sorted(encode(key) + encode(item) for key, item in value.items())
     return b"{%s}" % b"".join(pairs)
 
 
@@ -124,11 +124,11 @@ _ENCODERS: dict[type, Callable[[Any], bytes]] = {
 def _encode_other(value: Any) -> bytes:
     """Return a value of a rarer type, or of a subclass, as bytes."""
     kinds: dict[Any, Callable[[Any], bytes]] = {
-        (bool, np.bool_): lambda each: encode(bool(each)),
-        (int, np.integer): lambda each: encode(int(each)),
-        (float, np.floating): lambda each: encode(float(each)),
-        str: lambda each: _encode_text(str(each)),
-        (bytes, bytearray): lambda each: encode(bytes(each)),
+        (bool, np.bool_): lambda item: encode(bool(item)),
+        (int, np.integer): lambda item: encode(int(item)),
+        (float, np.floating): lambda item: encode(float(item)),
+        str: lambda item: _encode_text(str(item)),
+        (bytes, bytearray): lambda item: encode(bytes(item)),
         Mapping: _encode_mapping,
         (tuple, list): _encode_sequence,
         AbstractSet: _encode_set,
@@ -163,8 +163,8 @@ def _leaves(value: Any, name: str) -> Iterator[tuple[str, str]]:
             yield from _leaves(value[key], f"{name}[{key!r}]")
         yield name, f"{len(value)} keys"
     elif isinstance(value, tuple | list):
-        for place, each in enumerate(value):
-            yield from _leaves(each, f"{name}[{place}]")
+        for index, item in enumerate(value):
+            yield from _leaves(item, f"{name}[{index}]")
         yield name, f"{len(value)} items"
     elif isinstance(value, np.ndarray):
         yield name, _shown_array(value)

@@ -113,11 +113,11 @@ class Figures:
             first = np.zeros(len(test), bool)
             first[np.unique(test, return_index=True)[1]] = True
             usable &= first & ~np.isin(test, train)
-        found = [seed for seed, use in zip(self.test.seeds, usable.tolist(), strict=True) if use]
-        if len(found) < count:
+        seeds = [seed for seed, use in zip(self.test.seeds, usable.tolist(), strict=True) if use]
+        if len(seeds) < count:
             raise CertifyError(
-                f"{self.environment}: {len(found):,} of {len(usable):,} test {self.unit}s have "
+                f"{self.environment}: {len(seeds):,} of {len(usable):,} test {self.unit}s have "
                 f"levels that are neither in train nor repeated, and {count:,} are needed; "
                 f"{self.levels}"
             )
-        return found
+        return seeds

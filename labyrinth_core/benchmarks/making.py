@@ -142,7 +142,7 @@ def _minigrid(env: Any) -> Any:
 
 
 def _labyrinth(env: Any) -> Any:
-    from labyrinth_core.language.text import dump
+    from labyrinth_core.language import dump
 
     env = unwrapped(env)
     return dump(env.labyrinth), env.state

@@ -94,9 +94,9 @@ def measure_memory(
     shown: list[Played] = list(mapped(teacher, train, "demonstrations"))
     first = list(mapped(partial(_play, protocol, routes={}), test, "first observations"))
     chosen = dict(zip(test, _recalled(shown, first), strict=True))
-    remembered = {seed: shown[place].actions for seed, place in chosen.items()}
+    remembered = {seed: shown[index].actions for seed, index in chosen.items()}
     replay = partial(_play, protocol, routes=remembered)
-    known = {each.first for each in shown}
+    known = {episode.first for episode in shown}
 
     def share(player: Callable[[int], Played], label: str) -> Share:
         totals = [played.total for played in mapped(player, test, label)]
@@ -104,7 +104,7 @@ def measure_memory(
 
     return Memory(
         train=len(train),
-        known=Share(sum(each.first in known for each in first), len(test)),
+        known=Share(sum(episode.first in known for episode in first), len(test)),
         memory=share(replay, "memory"),
         policy=None if policy is None else share(partial(_play, protocol, policy=policy), "policy"),
         random=share(partial(_play, protocol, draw=draw), "random"),
@@ -153,21 +153,21 @@ def _play(
 def _recalled(shown: Sequence[Played], first: Iterable[Played]) -> Iterator[int]:
     """Yield, for each first observation, the index of the demonstration to replay."""
     same: dict[bytes, int] = {}
-    for place, each in enumerate(shown):
-        same.setdefault(each.first, place)
+    for index, episode in enumerate(shown):
+        same.setdefault(episode.first, index)
     by_size: dict[int, list[int]] = {}
-    for place, each in enumerate(shown):
-        by_size.setdefault(each.vector.size, []).append(place)
+    for index, episode in enumerate(shown):
+        by_size.setdefault(episode.vector.size, []).append(index)
     tables = {
-        size: np.stack([shown[place].vector for place in places])
+        size: np.stack([shown[index].vector for index in places])
         for size, places in by_size.items()
     }
-    for each in first:
-        size = each.vector.size
-        if each.first in same or not size or size not in tables:
-            yield same.get(each.first, 0)
+    for episode in first:
+        size = episode.vector.size
+        if episode.first in same or not size or size not in tables:
+            yield same.get(episode.first, 0)
         else:
-            apart = np.abs(tables[size] - each.vector).sum(axis=1)
+            apart = np.abs(tables[size] - episode.vector).sum(axis=1)
             yield by_size[size][int(apart.argmin())]
 
 
@@ -176,7 +176,7 @@ def _numbers(value: Any) -> NDArray[np.float32]:
     if isinstance(value, Mapping):
         parts = [_numbers(value[key]) for key in sorted(value, key=encode)]
     elif isinstance(value, tuple | list):
-        parts = [_numbers(each) for each in value]
+        parts = [_numbers(item) for item in value]
     else:
         array = np.asarray(value)
         numeric = array.dtype.kind in "biuf"

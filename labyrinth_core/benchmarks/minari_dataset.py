@@ -58,13 +58,13 @@ def certify_minari(source: str, train: object, test: object) -> Certificate:
     )
 
 
-def _share(given: object) -> float:
+def _share(value: object) -> float:
     try:
-        share = TRAIN_SHARE if given is None else float(str(given))
+        share = TRAIN_SHARE if value is None else float(str(value))
     except ValueError:
         share = 0
     if not 0 < share < 1:
-        raise CertifyError(f"train={given}: give the share of the episodes that are train, as 0.8")
+        raise CertifyError(f"train={value}: give the share of the episodes that are train, as 0.8")
     return share
 
 
@@ -94,7 +94,7 @@ def _episodes(source: str) -> list[tuple[int | None, int, int]]:
     except ImportError as error:
         install = "pip install 'labyrinth-datasets[minari]'"
         raise CertifyError(f"{source}: Minari is not installed: {install}") from error
-    found = []
+    digests = []
     try:  # A dataset, its files and its server may fail in any way.
         episodes = _read(called(minari.load_dataset, name, download=True))
         while (episode := called(next, episodes, None)) is not None:
@@ -102,10 +102,10 @@ def _episodes(source: str) -> list[tuple[int | None, int, int]]:
             known = seed is not None and np.asarray(seed).dtype.kind in "iu"
             code = digest(encode(int(np.asarray(seed)))) if known else None
             first, actions = (digest(encode(value)) for value in values)
-            found.append((code, first, actions))
+            digests.append((code, first, actions))
     except EnvironmentFailure as error:
         raise CertifyError(f"{source} cannot be read: {error}") from error
-    return found
+    return digests
 
 
 def _read(dataset: Any) -> Iterator[tuple[Any, Any, Any]]:
@@ -115,10 +115,10 @@ def _read(dataset: Any) -> Iterator[tuple[Any, Any, Any]]:
         yield metadata.get("seed"), _at(episode.observations, 0), episode.actions
 
 
-def _at(values: Any, place: int) -> Any:
+def _at(values: Any, index: int) -> Any:
     """Return one observation from the arrays, dictionaries and tuples of an episode's."""
     if isinstance(values, dict):
-        return {key: _at(each, place) for key, each in values.items()}
+        return {key: _at(item, index) for key, item in values.items()}
     if isinstance(values, tuple):
-        return tuple(_at(each, place) for each in values)
-    return values[place]
+        return tuple(_at(item, index) for item in values)
+    return values[index]

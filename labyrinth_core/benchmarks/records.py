@@ -69,27 +69,27 @@ def read_records(path: Path) -> Recorded:
 def _gathered(path: Path, rows: Iterator[tuple[str, Any]]) -> Recorded:
     seen: dict[tuple[str, int], tuple[int | None, ...]] = {}
     repeated: set[tuple[str, int]] = set()
-    found = Recorded({})
+    recorded = Recorded({})
     measures = ("first", "probes", "state")
-    for number, (place, row) in enumerate(rows):
+    for number, (line, row) in enumerate(rows):
         if number == 0 and isinstance(row, dict) and "split" not in row:
-            found.head = row
+            recorded.head = row
             continue
-        key, digests = _checked(f"{path}, {place}", row)
+        key, digests = _checked(f"{path}, {line}", row)
         before = seen.setdefault(key, digests)
         if before is not digests:
             repeated.add(key)
             for measure, one, other in zip(measures, before, digests, strict=True):
                 text = f"{key[0]} seed {key[1]} was recorded twice, with two values of {measure}"
                 if one != other:
-                    found.reasons.setdefault(measure, text)
-    found.again = len(repeated)
+                    recorded.reasons.setdefault(measure, text)
+    recorded.again = len(repeated)
     for split in SPLITS:
         of_split = {seed: digests for (name, seed), digests in seen.items() if name == split}
         if not of_split:
             raise CertifyError(f"{path}: no row has split {split}")
         columns = dict(zip(measures, zip(*of_split.values(), strict=True), strict=True))
-        found.splits[split] = Split(
+        recorded.splits[split] = Split(
             tuple(of_split),
             {
                 measure: np.array(column, np.uint64)
@@ -97,10 +97,10 @@ def _gathered(path: Path, rows: Iterator[tuple[str, Any]]) -> Recorded:
                 if None not in column
             },
         )
-    return found
+    return recorded
 
 
-def _checked(place: str, row: Any) -> tuple[tuple[str, int], tuple[int | None, ...]]:
+def _checked(line: str, row: Any) -> tuple[tuple[str, int], tuple[int | None, ...]]:
     """Return the split, the seed and the three digests of a row.
 
     Raises:
@@ -111,22 +111,22 @@ def _checked(place: str, row: Any) -> tuple[tuple[str, int], tuple[int | None, .
         if text is None:
             return None
         if not isinstance(text, str) or not 0 < len(text) <= LONGEST_DIGEST:
-            raise CertifyError(f"{place}: {name}={text!s:.40}: give a digest as a text")
+            raise CertifyError(f"{line}: {name}={text!s:.40}: give a digest as a text")
         own = re.fullmatch(r"[0-9a-f]{16}", text, re.ASCII)
         return int(text, 16) if own else digest(text.encode("utf-8", "surrogatepass"))
 
     if not isinstance(row, dict):
-        raise CertifyError(f"{place}: not a record: {row!s:.40}")
+        raise CertifyError(f"{line}: not a record: {row!s:.40}")
     split, seed, probes = row.get("split"), row.get("seed"), row.get("probes")
     if split not in SPLITS:
-        raise CertifyError(f"{place}: split={split!s:.40}: give train or test")
+        raise CertifyError(f"{line}: split={split!s:.40}: give train or test")
     if type(seed) is not int:
-        raise CertifyError(f"{place}: seed={seed!s:.40}: give a whole number")
+        raise CertifyError(f"{line}: seed={seed!s:.40}: give a whole number")
     if probes is not None and (not isinstance(probes, list) or not probes):
-        raise CertifyError(f"{place}: probes={probes!s:.40}: give a list of digests")
-    numbers = [one("probes", each) for each in probes or ()]
+        raise CertifyError(f"{line}: probes={probes!s:.40}: give a list of digests")
+    numbers = [one("probes", number) for number in probes or ()]
     known = [number for number in numbers if number is not None]
-    joined = known[0] if len(known) == 1 else digest(*(b"%d;" % each for each in known))
+    joined = known[0] if len(known) == 1 else digest(*(b"%d;" % number for number in known))
     all_known = bool(numbers) and len(known) == len(numbers)
     digests = one("first", row.get("first")), joined if all_known else None
     return (split, seed), (*digests, one("state", row.get("state")))
@@ -172,19 +172,19 @@ def _parquet_rows(path: Path) -> Iterator[tuple[str, Any]]:
 def rows_of(splits: Mapping[str, Split]) -> Iterator[dict[str, Any]]:
     """Yield the rows of a file of records."""
 
-    def text(split: Split, measure: str, place: int) -> str | None:
+    def text(split: Split, measure: str, index: int) -> str | None:
         column = split.digests.get(measure)
-        return None if column is None else f"{int(column[place]):016x}"
+        return None if column is None else f"{int(column[index]):016x}"
 
     for name, split in splits.items():
-        for place, seed in enumerate(split.seeds):
-            probes = text(split, "probes", place)
+        for index, seed in enumerate(split.seeds):
+            probes = text(split, "probes", index)
             yield {
                 "split": name,
                 "seed": seed,
-                "first": text(split, "first", place),
+                "first": text(split, "first", index),
                 "probes": None if probes is None else [probes],
-                "state": text(split, "state", place),
+                "state": text(split, "state", index),
             }
 
 

@@ -104,14 +104,14 @@ def check_seeds(protocol: Protocol, seeds: Sequence[int]) -> Check:
     reasons: dict[str, str] = {}
     within = [Trace(each.seed, opening(each), each.state) for each in once]
     repeated = [Trace(each.seed, opening(each, of=0), each.state) for each in once]
-    for place, first, others in (
+    for where, first, others in (
         (AGAIN, repeated, within),
         (AGAIN, once, again),
         (FRESH, once, fresh),
     ):
         for measure, seed, text in _spoiled(first, others):
-            cause = _cause(protocol, seed, place)
-            reasons.setdefault(measure, f"{cause}: {place}, {text}")
+            cause = _cause(protocol, seed, where)
+            reasons.setdefault(measure, f"{cause}: {where}, {text}")
     places = [AGAIN, FRESH]
     notes: tuple[str, ...] = ()
     if not reasons:
@@ -119,18 +119,18 @@ def check_seeds(protocol: Protocol, seeds: Sequence[int]) -> Check:
         if not any(note.startswith(UNCHECKED) for note in notes):
             places.append("in new interpreters")
     spaces: dict[str, int] = {}
-    for found in once:
-        if found.space and " object at 0x" not in found.space:  # Without a text of its own.
-            spaces.setdefault(found.space, found.seed)
+    for episode in once:
+        if episode.space and " object at 0x" not in episode.space:  # Without a text of its own.
+            spaces.setdefault(episode.space, episode.seed)
     if len(spaces) > 1:
         each = ", ".join(f"{space:.60} at seed {seed}" for space, seed in spaces.items())
         notes += (f"all seeds got the same actions, but the action space differs: {each}",)
     return Check(len(usable), places, reasons, notes)
 
 
-def opening(found: Trace, of: int | None = None) -> tuple[tuple[int, int, Leaves], ...]:
+def opening(trace: Trace, of: int | None = None) -> tuple[tuple[int, int, Leaves], ...]:
     """Return the first observations of a trace; if `of` is given, that of this probe for each."""
-    first = {probe: seen for probe, step, seen in found.steps if step == 0}
+    first = {probe: seen for probe, step, seen in trace.steps if step == 0}
     return tuple((probe, 0, first[probe if of is None else of]) for probe in first)
 
 
@@ -168,11 +168,11 @@ def trace_fresh(protocol: Protocol, seed: int) -> Trace:
 
 def _spoiled(first: Sequence[Trace], others: Sequence[Trace]) -> Iterator[tuple[str, int, str]]:
     """Yield each measure that differs between traces, with the seed and the first difference."""
-    found: dict[str, tuple[int, str]] = {}
+    differing: dict[str, tuple[int, str]] = {}
     for one, other in zip(first, others, strict=True):
         for measure, text in differences(one, other):
-            found.setdefault(measure, (one.seed, f"seed {one.seed} differs at {text}"))
-    for measure, (seed, text) in found.items():
+            differing.setdefault(measure, (one.seed, f"seed {one.seed} differs at {text}"))
+    for measure, (seed, text) in differing.items():
         yield measure, seed, text
 
 
@@ -202,19 +202,21 @@ def _difference(one: Leaves, other: Leaves) -> str:
 # Why two episodes of a seed differ.
 
 
-def _cause(protocol: Protocol, seed: int, place: str) -> str:
+def _cause(protocol: Protocol, seed: int, where: str) -> str:
     """Return the likely reason why a seed gives another episode, found by experiments."""
     stage = Stage(protocol)
 
     def agree(prepare: Callable[[], Any], *, fresh: bool) -> bool:
         """Return whether episodes agree, each of which begins in the same circumstances."""
-        found = []
+        traces = []
         for _ in range(EXPERIMENTS):
             with prepare():
-                found.append(trace_fresh(protocol, seed) if fresh else trace(protocol, stage, seed))
-        return all(not list(differences(found[0], other)) for other in found[1:])
+                traces.append(
+                    trace_fresh(protocol, seed) if fresh else trace(protocol, stage, seed)
+                )
+        return all(not list(differences(traces[0], other)) for other in traces[1:])
 
-    fresh = place == FRESH
+    fresh = where == FRESH
     try:
         trace(protocol, stage, seed)  # The first episode of an environment may be another.
         if not agree(contextlib.nullcontext, fresh=fresh):
@@ -273,13 +275,13 @@ def _new_interpreters(
     except CertifyError as error:
         return (f"{UNCHECKED}: {error}",)
     by_hash = same == repeated and any(same != other for other in others)
-    place, cause = INTERPRETER, "it depends on the process"
+    where, cause = INTERPRETER, "it depends on the process"
     if by_hash:
-        place, cause = HASHES, "it depends on PYTHONHASHSEED"
+        where, cause = HASHES, "it depends on PYTHONHASHSEED"
         if fixed != "random" and not [*_spoiled(once, same)]:
-            return (f"only with PYTHONHASHSEED={fixed}: {place}, {spoiled[0][2]}",)
+            return (f"only with PYTHONHASHSEED={fixed}: {where}, {spoiled[0][2]}",)
     for measure, _, text in spoiled:
-        reasons.setdefault(measure, f"{cause}: {place}, {text}")
+        reasons.setdefault(measure, f"{cause}: {where}, {text}")
     return ()
 
 
@@ -301,8 +303,8 @@ def _in_new_interpreters(
             reason = f"{protocol.maker.name} cannot be pickled"
             raise CertifyError(f"{reason}: {type(error).__name__}: {one_line(error)}") from error
         running = []
-        for place, value in enumerate(hash_seeds):
-            answer = Path(name) / f"answer{place}"
+        for index, value in enumerate(hash_seeds):
+            answer = Path(name) / f"answer{index}"
             code = "import sys; sys.path[:] = sys.argv[3:]; "
             code += "from labyrinth_core.benchmarks.repeats import answer; answer(*sys.argv[1:3])"
             arguments = [sys.executable, "-W", "ignore", "-c", code, str(request), str(answer)]
@@ -316,19 +318,19 @@ def _in_new_interpreters(
             )
             stack.callback(process.kill)
             running.append((process, answer))
-        found = []
+        answers = []
         for process, answer in running:
             _, errors = process.communicate()
             if process.returncode or not answer.is_file():
                 last = (errors.strip().splitlines() or [f"status {process.returncode}"])[-1]
                 raise CertifyError(f"it fails there: {last:.300}")
-            found.append(pickle.loads(answer.read_bytes()))
-        return found
+            answers.append(pickle.loads(answer.read_bytes()))
+        return answers
 
 
 def answer(request: str, path: str) -> None:
     """Write the traces of seeds to a file; this is what a new interpreter does."""
     protocol, seeds = pickle.loads(Path(request).read_bytes())
     stage = Stage(protocol)
-    found = [trace(protocol, stage, seed) for seed in seeds]
-    Path(path).write_bytes(pickle.dumps(found))
+    traces = [trace(protocol, stage, seed) for seed in seeds]
+    Path(path).write_bytes(pickle.dumps(traces))

@@ -41,10 +41,10 @@ def seeds_of(given: object, name: str) -> tuple[int, ...]:
     count = sum(map(len, parts))
     if not 0 < count <= MOST:
         raise CertifyError(f"{name}={given!s:.60}: {count:,} seeds: give 1 to {MOST:,}")
-    found = tuple(dict.fromkeys(seed for part in parts for seed in part))
-    if min(found) < 0:
+    distinct = tuple(dict.fromkeys(seed for part in parts for seed in part))
+    if min(distinct) < 0:
         raise refusal
-    return found
+    return distinct
 
 
 def _part(text: str) -> range:
@@ -58,7 +58,7 @@ def _part(text: str) -> range:
 def evenly(seeds: Sequence[int], most: int) -> list[int]:
     """Return all seeds, or so many evenly chosen ones."""
     places = np.linspace(0, len(seeds) - 1, min(len(seeds), most)).astype(int)
-    return [seeds[place] for place in places.tolist()]
+    return [seeds[index] for index in places.tolist()]
 
 
 def text_of(seeds: Sequence[int]) -> str:

@@ -43,18 +43,18 @@ class Ranges:
 
     def add(self, seeds: Iterable[Iterable[NDArray[Any]]]) -> None:
         """Add the observations of some seeds, each in order; an array has several alike."""
-        found: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
+        groups: dict[int, tuple[list[NDArray[Any]], list[NDArray[Any]]]] = {}
         for observations in seeds:
             tables = [
-                each.reshape(len(each), -1)
-                for each in observations
-                if 0 < each[0].size <= MOST_VALUES
+                observation.reshape(len(observation), -1)
+                for observation in observations
+                if 0 < observation[0].size <= MOST_VALUES
             ]
             if len({table.shape[1] for table in tables}) == 1:
-                first, every = found.setdefault(tables[0].shape[1], ([], []))
+                first, every = groups.setdefault(tables[0].shape[1], ([], []))
                 first.append(tables[0][0])
                 every += tables
-        for first, every in found.values():
+        for first, every in groups.values():
             values = np.concatenate(every).T.astype(np.float64, order="C")  # Its rows are quick.
             firsts = [*np.stack(first).astype(np.float64)]
             self.join(firsts, values.min(axis=1), values.max(axis=1))

@@ -13,20 +13,19 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
-from labyrinth_core.language.collection import KINDS, is_collection
-from labyrinth_core.language.drawing import ROUTE, draw_text
-from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import (
-    MAX_TEXT,
+from labyrinth_core.language import (
+    Collection,
     LabyrinthSyntaxError,
-    decode,
-    printable_line,
+    draw_text,
+    dump,
+    parse,
+    parse_edges,
+    parse_sketch,
     read_text,
 )
-from labyrinth_core.language.text import dump, parse, parse_sketch
-from labyrinth_core.pictures.animation import frames_of, gif
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, Painter, render
+from labyrinth_core.pictures import MAX_PICTURED_SIDE, Painter, animate, render
 from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import (
     ALGORITHMS,
     Action,
@@ -38,7 +37,7 @@ from labyrinth_core.world import (
     sample_labyrinth,
 )
 
-COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ROUTE: "32"}
+COLOURS = {"S": "1;31", "E": "1;34", "K": "1;33", "D": "1;35", "I": "1;36", ".": "32"}
 """The colour of each character on a terminal, as parameters of the SGR sequence (ECMA-48)."""
 
 
@@ -47,7 +46,7 @@ def _read(file: str) -> tuple[str, str]:
     if file == "-":
         if sys.stdin is None:
             raise RequestError("standard input is closed")
-        return decode(sys.stdin.buffer.read(MAX_TEXT + 1), "<stdin>"), "<stdin>"
+        return read_text(sys.stdin.buffer, "<stdin>"), "<stdin>"
     return read_text(Path(file)), file
 
 
@@ -156,7 +155,7 @@ def _moving_picture(labyrinth: Labyrinth) -> bytes:
     """Return a GIF file that shows a shortest route."""
     _pictured_side(labyrinth)
     try:
-        return gif([frames_of(_optimal(labyrinth))])
+        return animate(_optimal(labyrinth))
     except ImportError as error:
         raise RequestError("a GIF file needs Pillow: pip install pillow") from error
 
@@ -202,12 +201,14 @@ def _new(options: Namespace) -> int:
 def _convert(options: Namespace) -> int:
     if options.file != "-":
         Path(options.file).stat()  # Raises if it does not exist, whatever the other options are.
-    if options.file != "-" and is_collection(Path(options.file)):
+    if options.file != "-" and Collection.is_at(Path(options.file)):
         if options.size is not None:
             raise RequestError("--size is only for lists of edges")
         return convert(Path(options.file), options.output)
     if options.output is not None:
-        raise RequestError(f"--output is only for folders and files that end in {', '.join(KINDS)}")
+        raise RequestError(
+            f"--output is only for folders and files that end in {', '.join(Collection.SUFFIXES)}"
+        )
     height, width = options.size or (None, None)
     text, name = _read(options.file)
     sys.stdout.write(dump(parse_edges(text, height=height, width=width, file=name)))

@@ -91,12 +91,12 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
         DatasetError: The frames exceed the limit by themselves, or the limit is not a number.
     """
     lock = folder.with_name(f".{folder.name}.lock")
-    found = _read(folder, shape)
-    if found is not None:
+    columns = _read(folder, shape)
+    if columns is not None:
         if lock.exists():  # A process was killed just after it had made the folder.
             with suppress(OSError), LocalFile(lock).locked(wait=False):
                 pass
-        return found
+        return columns
     size, most = math.prod(shape), _limit()
     if size > most:
         raise DatasetError(
@@ -111,10 +111,10 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
         if _read(folder, shape) is None:  # No other process has made it meanwhile.
             _make_room(folder, most - size)
             _make(folder, shape, content)
-    found = _read(folder, shape)
-    if found is None:
+    columns = _read(folder, shape)
+    if columns is None:
         raise OSError(f"{folder} was written, but does not read back the same")
-    return found
+    return columns
 
 
 def _limit() -> int:
@@ -242,16 +242,16 @@ def _remove(folder: Path) -> None:
 def _make_room(folder: Path, most: int) -> None:
     """Remove the least recently used caches beside a folder until at most `most` bytes are used."""
     used = {}
-    for each in folder.parent.iterdir():
-        if _NAME.fullmatch(each.name) and each.is_dir() and each != folder:
-            files = {file.name: file.stat() for file in each.iterdir()}
+    for path in folder.parent.iterdir():
+        if _NAME.fullmatch(path.name) and path.is_dir() and path != folder:
+            files = {file.name: file.stat() for file in path.iterdir()}
             if FRAMES in files and files.keys() <= {*_FILES}:
                 size = sum(status.st_size for status in files.values())
-                used[each] = files[FRAMES].st_mtime, size
+                used[path] = files[FRAMES].st_mtime, size
     total = sum(size for _, size in used.values())
-    for each, (_, size) in sorted(used.items(), key=lambda item: item[1]):
+    for path, (_, size) in sorted(used.items(), key=lambda item: item[1]):
         if total > most:
-            _remove(each)
+            _remove(path)
             total -= size
 
 

@@ -34,7 +34,8 @@ from labyrinth_core.data.selection import Filter as Filter
 from labyrinth_core.data.selection import Spans, Step, ends_of, select
 from labyrinth_core.data.table import table_file, table_groups
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.storage import AnyPath, RemotePath
+from labyrinth_core.remote import RemotePath
+from labyrinth_core.storage import AnyPath
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -145,14 +146,17 @@ class Part:
         return hashes
 
     def require_sizes(self) -> None:
-        """Raise DatasetError if a local shard is not of the size in the manifest.
+        """Raise DatasetError if a shard is not of the size in the manifest.
 
         Call it before memory is taken for the rows that the manifest promises.
         """
         for number in np.flatnonzero(self.counts()).tolist():
             folder, shard, _ = self.files[number]
-            path, size = folder / shard.path, shard.bytes
-            if isinstance(path, Path) and path.is_file() and path.stat().st_size != size:
+            try:
+                size = (folder / shard.path).stat().st_size
+            except OSError:  # Reading the shard says why.
+                continue
+            if size != shard.bytes:
                 with self.opened(number):  # It raises the error.
                     pass
 

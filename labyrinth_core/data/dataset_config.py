@@ -8,9 +8,8 @@ from dataclasses import MISSING, asdict, dataclass, field, fields
 from typing import Any, ClassVar, get_args, get_type_hints
 
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import MAX_PICTURED_SIDE, usual_wall_pixels
+from labyrinth_core.language import parse_size
+from labyrinth_core.pictures import MAX_PICTURED_SIDE, PICTURE_SIZE, usual_wall_pixels
 from labyrinth_core.world import ALGORITHMS, Structure, Task
 
 SOLUTIONS = ("shortest", "all_shortest", "all")
@@ -94,9 +93,11 @@ class DatasetConfig:
                 f"size={size}: {MAX_PICTURED_SIDE} rows and columns at most fit the datasets' "
                 f"pictures of {PICTURE_SIZE} x {PICTURE_SIZE} pixels"
             )
-        for each in fields(self):
-            if "holds" in each.metadata and not each.metadata["holds"](getattr(self, each.name)):
-                raise ValueError(f"{self.given(each.name)}: {each.metadata['allowed']}")
+        for option in fields(self):
+            if "holds" in option.metadata and not option.metadata["holds"](
+                getattr(self, option.name)
+            ):
+                raise ValueError(f"{self.given(option.name)}: {option.metadata['allowed']}")
         if self.noise and self.solutions != "shortest":
             raise ValueError(
                 f"{self.given('noise')}: give solutions=shortest, not {self.solutions}"

@@ -25,9 +25,9 @@ from labyrinth_core.data.location import folder_of
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
 from labyrinth_core.data.splits import SPLITS, is_of_train
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.storage import AnyPath
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Labyrinth
 
 if TYPE_CHECKING:
@@ -97,11 +97,11 @@ class Dataset(Source):
         Raises:
             DatasetError: The manifest is missing or malformed, or of a dataset of another name.
         """
-        found = cls.__new__(cls)
-        Source.__init__(found, str(folder.parent), folder.name)
-        found.local = folder
-        found.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
-        return found
+        data = cls.__new__(cls)
+        Source.__init__(data, str(folder.parent), folder.name)
+        data.local = folder
+        data.manifest = manifest or Manifest.read(folder, renamed=renamed, companion=companion)
+        return data
 
     @staticmethod
     def is_folder(source: str | Path) -> bool:
@@ -254,7 +254,7 @@ class Selection(Query):
     ) -> Transitions:
         """Return all transitions; see `load_transitions`."""
         from labyrinth_core.data.load import transitions_in
-        from labyrinth_core.pictures.observations import ObservationSpec
+        from labyrinth_core.pictures import ObservationSpec
 
         spec = ObservationSpec(observation, image_size, draw, resize)
         return transitions_in(self, spec, cache_dir, optimal=optimal)
@@ -269,7 +269,7 @@ class Selection(Query):
     ) -> Generator[LoadedEpisode]:
         """Yield the episodes in order; see `load_episodes`."""
         from labyrinth_core.data.load import episodes_in
-        from labyrinth_core.pictures.observations import ObservationSpec
+        from labyrinth_core.pictures import ObservationSpec
 
         return episodes_in(self, ObservationSpec(observation, image_size, draw, resize))
 
@@ -296,7 +296,7 @@ class Selection(Query):
             DatasetError: As for `load_episodes`.
         """
         from labyrinth_core.data.load import episodes_in
-        from labyrinth_core.pictures.observations import ObservationSpec
+        from labyrinth_core.pictures import ObservationSpec
 
         spec = ObservationSpec(observation, image_size, draw, resize)
         counts = self._episodes
@@ -313,10 +313,10 @@ class Selection(Query):
         some = Selection(self.dataset, self.split, (*self.steps, Step(None, used)))
         read = enumerate(episodes_in(some, spec))
         needed = {*numbers}
-        found = {number: episode for number, episode in read if number in needed}
-        if len(found) < n:
+        episodes = {number: episode for number, episode in read if number in needed}
+        if len(episodes) < n:
             raise unlike_shards(self.split)
-        return [found[number] for number in numbers]
+        return [episodes[number] for number in numbers]
 
     def stream(
         self,
@@ -332,7 +332,7 @@ class Selection(Query):
     ) -> Stream[Transition]:
         """Return a stream of the transitions; see `stream_transitions`."""
         from labyrinth_core.data.stream import Order, transition_stream
-        from labyrinth_core.pictures.observations import ObservationSpec
+        from labyrinth_core.pictures import ObservationSpec
 
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)
@@ -352,7 +352,7 @@ class Selection(Query):
     ) -> Stream[LoadedEpisode]:
         """Return a stream of the episodes; see `labyrinth_core.stream_episodes`."""
         from labyrinth_core.data.stream import Order, episode_stream
-        from labyrinth_core.pictures.observations import ObservationSpec
+        from labyrinth_core.pictures import ObservationSpec
 
         order = Order.of(shuffle, seed, rank, world_size)
         spec = ObservationSpec(observation, image_size, draw, resize)
@@ -402,8 +402,8 @@ class Selection(Query):
     @cached_property
     def _episodes(self) -> NDArray[np.int64]:
         """The number of episodes of each labyrinth."""
-        place = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
-        (counts,) = chosen(*place, self.steps, ["episodes"])
+        table = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
+        (counts,) = chosen(*table, self.steps, ["episodes"])
         if ((counts < 1) | (counts > self.spans[1])).any():
             raise unlike_shards(self.split)
         return counts

@@ -118,15 +118,15 @@ class Drawing:
             split: train, validation or test.
         """
         config = self.config
-        sizes = [max(1, each // (config.height * config.width)) for each in self.CELLS_PER_CHUNK]
+        sizes = [max(1, cells // (config.height * config.width)) for cells in self.CELLS_PER_CHUNK]
         seen: set[str] = set()
         failed = 0
         for number in count():
-            for structure, found in islice(self.candidates(number, split), sizes[number > 0]):
+            for structure, own_split in islice(self.candidates(number, split), sizes[number > 0]):
                 failed += 1
                 if failed > self.PATIENCE:
                     return
-                if found == split and structure.structure_id not in seen:
+                if own_split == split and structure.structure_id not in seen:
                     seen.add(structure.structure_id)
                     failed = 0
                     yield self.labyrinth(split, structure)

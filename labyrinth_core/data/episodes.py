@@ -18,9 +18,8 @@ from labyrinth_core.data.dataset_config import DatasetConfig
 from labyrinth_core.data.format import NO_ACTION
 from labyrinth_core.data.rows import Rows, joined
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.many import parse_many
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.observations import ObservationSpec, PictureError
+from labyrinth_core.language import dump, labyrinth_id, parse, parse_many
+from labyrinth_core.pictures import ObservationSpec, PictureError
 from labyrinth_core.world import Labyrinth, Labyrinths, Solver
 
 PARSED_CELLS = 2**16
@@ -290,13 +289,13 @@ def replayed(blocks: Iterable[Rows], config: DatasetConfig | None = None) -> Gen
 def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[Episodes]:
     """Yield the episodes all together if `_together` can, else one by one."""
     used, which = np.unique(whole.rows.info[whole.firsts], return_inverse=True)
-    texts = [whole.rows.texts[place] for place in used.tolist()]
+    texts = [whole.rows.texts[number] for number in used.tolist()]
     episodes = _together(whole, texts, which, config)
     if episodes is not None:
         yield episodes
         return
-    for place in range(len(whole.firsts)):
-        one = whole.take(slice(place, place + 1))
+    for number in range(len(whole.firsts)):
+        one = whole.take(slice(number, number + 1))
         try:
             labyrinth = parse(one.rows.texts[one.rows.info[0]])
             labyrinth.replay(one.rows.actions[:-1].tolist())
@@ -326,8 +325,8 @@ def _together(
     labyrinths = parse_many(texts)
     if labyrinths is not None and config is not None:
         of = labyrinths.structures
-        found = of.height, of.width, labyrinths.task
-        if found != (config.height, config.width, config.task):
+        kind = of.height, of.width, labyrinths.task
+        if kind != (config.height, config.width, config.task):
             raise DatasetError(
                 f"info: a labyrinth of {of.height}x{of.width}, {labyrinths.task}, in a dataset of "
                 f"{config.height}x{config.width}, {config.task}"

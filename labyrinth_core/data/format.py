@@ -168,7 +168,7 @@ class Columns(tuple[Column, ...]):
         }
         features = {"info": {"features": {column.name: column.feature for column in self}}}
         return pa.schema(
-            [(each.name, types[each.type]) for each in self],
+            [(column.name, types[column.type]) for column in self],
             metadata={"huggingface": json.dumps(features)},
         )
 

@@ -34,10 +34,7 @@ from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.rows import Rows
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.pictures.observations import PICTURES_VERSION, ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.renderer import style_for
-from labyrinth_core.world import Look
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 
 
 class Transition(NamedTuple):
@@ -139,9 +136,9 @@ class Transitions:
         rows = self.rows[index]
         if isinstance(rows, np.ndarray):
             if rows.ndim != 1:  # As for True, None and arrays of two axes.
-                given = " ".join(repr(index).split())
+                shown = " ".join(repr(index).split())
                 raise IndexError(
-                    f"index={given:.60}: give a number, a slice, or one axis of numbers or booleans"
+                    f"index={shown:.60}: give a number, a slice, or one axis of numbers or booleans"
                 )
             return TransitionBatch(
                 self.frames.take(rows, axis=0),
@@ -254,16 +251,16 @@ def transitions_in(
     if not (named or cache_dir is None or isinstance(cache_dir, bool | Path)):
         raise ValueError(f"cache_dir={cache_dir!r}: give a folder, True or False")
     part = query.part()
-    found = None
+    transitions = None
     if spec.observation == "image" and cache_dir is not None and cache_dir is not False:
-        found = _cached(cache_dir, query.split, part, spec)
-    if found is None:
-        found = _in_memory(part, spec)
+        transitions = _cached(cache_dir, query.split, part, spec)
+    if transitions is None:
+        transitions = _in_memory(part, spec)
     if not optimal:
-        return found
+        return transitions
     blocks = part.replayed(pictures=False)
     acting = [block.optimal()[block.acting] for block in blocks]
-    return replace(found, optimal=np.concatenate(acting))
+    return replace(transitions, optimal=np.concatenate(acting))
 
 
 def _cached(
@@ -273,10 +270,7 @@ def _cached(
     try:
         folder = user_folder() if cache_dir is True else Path(cache_dir).expanduser()
         size = int(spec.image_size)
-        content: tuple[Any, ...] = part.key(), spec.draw, spec.resize, PICTURES_VERSION
-        if not spec.decodes:
-            content += tuple(style_for(look, 5, 5) for look in Look)
-        name = name_of(part.config.name, split, size, content)
+        name = name_of(part.config.name, split, size, (part.key(), *spec.key))
         shape = len(part), size, size, 3
         return _transitions(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:

@@ -103,18 +103,22 @@ def download(source: str, config: str, files: Sequence[str], commit: str) -> Pat
     with explained(source, commit):
         folder = downloaded([Manifest.FILE])
         if not _has_episodes(folder):
-            there = hub.repeated(
+            names_on_hub = hub.repeated(
                 lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
             )
-            if f"{config}/{Manifest.FILE}" in there:
+            if f"{config}/{Manifest.FILE}" in names_on_hub:
                 raise DatasetError(
                     f"{source}: the Hub lists {config}/{Manifest.FILE} but has it not"
                 )
-            raise _no_config(source, config, (path for path in there if path.count("/") == 1))
+            raise _no_config(
+                source, config, (path for path in names_on_hub if path.count("/") == 1)
+            )
         hub.require_whole(folder / Manifest.FILE)
     if files:
         shards = [shard.path for shard in Manifest.read(folder).shards]
-        named = (fnmatch.filter(shards, each) if "*" in each else [each] for each in files)
+        named = (
+            fnmatch.filter(shards, pattern) if "*" in pattern else [pattern] for pattern in files
+        )
         with explained(source, commit):
             downloaded([*chain.from_iterable(named)])
     return folder

@@ -26,11 +26,11 @@ from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.source_text import printable
 from labyrinth_core.storage import (
     AnyPath,
     File,
 )
+from labyrinth_core.terminal import printable
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -152,9 +152,9 @@ def _fields_of(kind: type) -> Mapping[str, Any]:
 def _counted(values: Mapping[str, Any], kind: type, name: str) -> Mapping[str, Any]:
     """Return `values`; raise ValueError unless they are the fields of `kind`, with valid counts."""
     check_fields(values, _fields_of(kind), name)
-    for each, value in values.items():
+    for count_name, value in values.items():
         if isinstance(value, int) and not 0 <= value <= MOST:
-            raise ValueError(f"{name} has {each}={value}, not a number from 0 to {MOST}")
+            raise ValueError(f"{name} has {count_name}={value}, not a number from 0 to {MOST}")
     return values
 
 
@@ -264,14 +264,14 @@ class Manifest:
             if form in (FORMAT, FORMAT_OF_CHUNKS):
                 kinds = {"config": dict, "versions": dict, "shards": list}
                 _require(content, kinds if companion else kinds | {"labyrinths": object})
-                found = cls(
+                manifest = cls(
                     config=DatasetConfig.from_json(content["config"]),
                     versions={str(key): str(value) for key, value in content["versions"].items()},
                     shards=tuple(Shard.from_json(shard) for shard in content["shards"]),
                     labyrinths=None if companion else TableFile.from_json(content["labyrinths"]),
                     format=form,
                 )
-                if content.get("fingerprint") != found.fingerprint:
+                if content.get("fingerprint") != manifest.fingerprint:
                     raise ValueError("its fingerprint is not that of its shards")
         except (FileNotFoundError, NotADirectoryError) as error:
             raise DatasetError(f"{folder} holds no finished dataset: no {Manifest.FILE}") from error
@@ -286,13 +286,13 @@ class Manifest:
                 f"{path} has format {form!r:.60}, and this version reads {FORMAT} and "
                 f"{FORMAT_OF_CHUNKS}: use the version that built the dataset, or {REBUILD}"
             )
-        named = f"{found.config.name}-{companion}" if companion else found.config.name
+        named = f"{manifest.config.name}-{companion}" if companion else manifest.config.name
         if named != folder.name and not renamed:
             raise DatasetError(
                 f"{folder} holds the dataset {named}, not {folder.name}: give the folder the name "
                 f"{named}, or {REBUILD}"
             )
-        return found
+        return manifest
 
 
 def _require(content: Any, kinds: Mapping[str, type]) -> None:
@@ -346,18 +346,18 @@ def mended(path: AnyPath, check: Callable[[], Result]) -> Result:
     try:
         return check()
     except DatasetError:
-        if not isinstance(path, Path) or "snapshots" not in path.parts:
+        if "snapshots" not in str(path):  # Not of the cache of the Hub's client.
             raise
         from labyrinth_core import hub
 
-        if not hub.download_again(path):
+        if not hub.download_again(Path(str(path))):
             raise
     return check()
 
 
 @contextmanager
-def readable(place: object) -> Iterator[None]:
-    """Turn a read error inside the block into a DatasetError that names `place`.
+def readable(name: object) -> Iterator[None]:
+    """Turn a read error inside the block into a DatasetError that names `name`.
 
     Only calls of Arrow and of storage belong in the block. In code that works with their results,
     a bug would pass for a damaged file.
@@ -375,7 +375,7 @@ def readable(place: object) -> Iterator[None]:
         hub = sys.modules.get("huggingface_hub.errors")
         of_hub = () if hub is None else (hub.HTTPError,)
         if isinstance(error, FileNotFoundError):
-            raise DatasetError(f"{place} is missing: {AGAIN}") from error
+            raise DatasetError(f"{name} is missing: {AGAIN}") from error
         if isinstance(error, (OSError, ValueError, pa.ArrowException, *of_hub)):
-            raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
+            raise DatasetError(f"{name} cannot be read: {one_line(error)}") from error
         raise

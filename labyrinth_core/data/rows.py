@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data.format import BATCH_ROWS, COLUMNS, OTHERS, values_of
 from labyrinth_core.data.manifest import AGAIN, MOST_TEXTS, Shard, mended, readable, unless_replaced
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.storage import AnyPath, File, RemotePath
+from labyrinth_core.remote import RemotePath
+from labyrinth_core.storage import AnyPath, File
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -66,7 +67,7 @@ def joined(blocks: Sequence[Rows]) -> Rows:
     info = []
     for block in blocks:
         used, which = np.unique(block.info, return_inverse=True)
-        own = [block.texts[place] for place in used.tolist()]
+        own = [block.texts[number] for number in used.tolist()]
         numbers = [texts.setdefault(text, len(texts)) for text in own]
         info.append(np.array(numbers, np.int64)[which])
     pngs = [block.pngs for block in blocks if block.pngs is not None]
@@ -88,48 +89,48 @@ def group_ends(file: pyarrow.parquet.ParquetFile) -> NDArray[np.int64]:
 
 
 def rows_together(
-    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], place: object, *, pictures: bool
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], name: object, *, pictures: bool
 ) -> Iterator[Rows]:
     """Yield the rows of row groups; without pictures, `TOGETHER` groups are read at once.
 
     Args:
         file: The open shard.
         groups: The numbers of the row groups.
-        place: What to name in the message of a DatasetError.
+        name: What to name in the message of a DatasetError.
         pictures: Whether to read the pictures.
     """
     together = 1 if pictures else TOGETHER
     columns = [*TYPES, "obs.bytes"] if pictures else [*TYPES]
     batches = chain.from_iterable(
-        _batches_of(file, groups[first : first + together], columns, place)
+        _batches_of(file, groups[first : first + together], columns, name)
         for first in range(0, len(groups), together)
     )
-    blocks = map(partial(rows_of_batch, place=place, pictures=pictures), batches)
+    blocks = map(partial(rows_of_batch, name=name, pictures=pictures), batches)
     while some := list(_some_of(blocks, together)):
         yield joined(some)
 
 
 def _batches_of(
-    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], columns: list[str], place: object
+    file: pyarrow.parquet.ParquetFile, groups: Sequence[int], columns: list[str], name: object
 ) -> Iterator[pa.RecordBatch]:
     """Yield the rows of row groups; raise DatasetError if Arrow loses some in a damaged page."""
     rows = sum(file.metadata.row_group(group).num_rows for group in groups)
-    found = 0
-    for batch in each_read(file.iter_batches(BATCH_ROWS, groups, columns), place):
-        found += batch.num_rows
+    count = 0
+    for batch in each_read(file.iter_batches(BATCH_ROWS, groups, columns), name):
+        count += batch.num_rows
         yield batch
-    if found != rows:
-        raise DatasetError(f"{place} is damaged: it has {found} rows where there should be {rows}")
+    if count != rows:
+        raise DatasetError(f"{name} is damaged: it has {count} rows where there should be {rows}")
 
 
-def each_read(batches: Iterator[Batch], place: object) -> Iterator[Batch]:
-    """Yield what Arrow reads; an error in reading it becomes a DatasetError that names `place`."""
+def each_read(batches: Iterator[Batch], name: object) -> Iterator[Batch]:
+    """Yield what Arrow reads; an error in reading it becomes a DatasetError that names `name`."""
     while True:
-        with readable(place):
-            found = list(islice(batches, 1))
-        if not found:
+        with readable(name):
+            batch = list(islice(batches, 1))
+        if not batch:
             return
-        yield found.pop()  # No variable holds the batch, so it is freed before the next is read.
+        yield batch.pop()  # No variable holds the batch, so it is freed before the next is read.
 
 
 def _some_of(blocks: Iterable[Rows], most: int) -> Iterator[Rows]:
@@ -217,14 +218,14 @@ def check_file(file: AnyPath, shard: Shard, path: AnyPath) -> None:
         )
 
 
-def rows_of_batch(batch: pa.RecordBatch, place: object, *, pictures: bool) -> Rows:
+def rows_of_batch(batch: pa.RecordBatch, name: object, *, pictures: bool) -> Rows:
     """Return the rows of a batch of a shard; see `rows_of_table`."""
     import pyarrow as pa
 
     try:
         return rows_of_table(pa.Table.from_batches([batch]), pictures=pictures)
     except (pa.ArrowException, UnicodeDecodeError) as error:
-        raise DatasetError(f"{place} cannot be read: {one_line(error)}") from error
+        raise DatasetError(f"{name} cannot be read: {one_line(error)}") from error
 
 
 def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:

@@ -90,7 +90,7 @@ def chosen(
             )
     names = [column.name for column in TABLE_COLUMNS]
     filters = [str(where) for where, _ in steps]
-    read = {"split", *columns, *(name for name in names if any(name in each for each in filters))}
+    read = {"split", *columns, *(name for name in names if any(name in shown for shown in filters))}
     table = pa.concat_tables(
         group.filter(pc.field("split") == split)
         for group in table_groups(folder, manifest, sorted(read))
@@ -115,5 +115,5 @@ def chosen(
             count = len(table)
             held = f"a whole number from 1 to {count}, as many as {of} has{filtered}"
             table = table.slice(0, whole("labyrinths", keep, 1, count, allowed=held))
-    found = (pc.fill_null(table[name], -1) for name in columns)
-    return [column.to_numpy().astype(np.int64) for column in found]
+    values = (pc.fill_null(table[name], -1) for name in columns)
+    return [column.to_numpy().astype(np.int64) for column in values]

@@ -28,8 +28,7 @@ from labyrinth_core.data.dataset import Filter, Part, Query, Source
 from labyrinth_core.data.episodes import Episodes, LoadedEpisode
 from labyrinth_core.data.load import Transition, together
 from labyrinth_core.data.rows import TOGETHER
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

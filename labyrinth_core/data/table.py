@@ -96,7 +96,7 @@ def decoded(table: pa.Table) -> pa.Table:
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    for place, name in enumerate(table.column_names):
+    for index, name in enumerate(table.column_names):
         column = table[name]
         if pa.types.is_dictionary(column.type):
             lengths = (
@@ -106,5 +106,5 @@ def decoded(table: pa.Table) -> pa.Table:
                 raise DatasetError(
                     f"{Manifest.TABLE} {name}: a text has more than {MOST_TEXT} bytes"
                 )
-            table = table.set_column(place, name, column.cast(pa.string()))
+            table = table.set_column(index, name, column.cast(pa.string()))
     return table

@@ -30,10 +30,8 @@ from labyrinth_core.env.labyrinth_source import (
     write_plainly,
 )
 from labyrinth_core.env.observation import Kind, Observation, Observer
-from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.language.text import dump, labyrinth_id
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.language import draw_text, dump, labyrinth_id
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, render
 from labyrinth_core.world import BUCKETS, Labyrinth, State, Tables, Task
 
 if TYPE_CHECKING:

@@ -12,8 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.language.source_text import parse_size
-from labyrinth_core.language.text import dump, load, parse
+from labyrinth_core.language import dump, load, parse, parse_size
 from labyrinth_core.world import (
     BUCKETS,
     RULES,

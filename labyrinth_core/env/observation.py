@@ -11,12 +11,12 @@ from gymnasium.spaces import Box, Discrete, Space
 from numpy.typing import NDArray
 
 from labyrinth_core.env.labyrinth_source import chosen
-from labyrinth_core.pictures.observations import KINDS, ObservationSpec
+from labyrinth_core.pictures import OBSERVATIONS, ObservationSpec
 from labyrinth_core.world import Labyrinth, Task
 
 Kind = str
 """One of `PLAYED`."""
-PLAYED = ("image", *(name for name, kind in KINDS.items() if kind.bounds), "state")
+PLAYED = (*(name for name in OBSERVATIONS if ObservationSpec(name).is_bounded), "state")
 """The observations of environments; `state` is the index of the state."""
 Array = NDArray[np.uint8] | NDArray[np.int32]
 Observation = Array | np.int64
@@ -57,13 +57,9 @@ class Observer:
         - `vector`, and the other kinds of `observations.KINDS`: `Box`, with bounds for each entry.
         - `state`: `Discrete(states)`, the index that `Labyrinth.state_index` gives a state.
         """
-        if self.kind == "image":
-            return Box(0, 255, (self.image_size, self.image_size, 3), np.uint8)
         if self.kind == "state":
             return Discrete(height * width * task.rules.phases)
-        bounds = KINDS[self.kind].bounds
-        assert bounds is not None
-        low, high = bounds(height, width, task)
+        low, high = self._spec.bounds(height, width, task)
         return Box(low, high, dtype=low.dtype.type)
 
     def observe(self, labyrinth: Labyrinth, state: int) -> Observation:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import render
 
 
 def play(env: LabyrinthEnv) -> None:

@@ -11,13 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.many import dump_many
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.vector import (
-    initial_vector,
-    initial_vectors,
-    show_states,
-)
+from labyrinth_core.language import dump, dump_many, labyrinth_id, parse
+from labyrinth_core.pictures import VectorLayout
 from labyrinth_core.world import Labyrinth, Look, Structures, Tables, Task, seen_together
 
 
@@ -43,15 +38,15 @@ class Stack:
         """The id and the text of each labyrinth."""
         self._shared_names: NDArray[np.object_] | None = None
         """A read-only copy for the infos, renewed when a labyrinth has changed."""
-        entries = (2 * height - 1) * (2 * width - 1)
-        self.initial_vectors = np.zeros((count, task.rules.positions + entries), np.int32)
-        """The `vector.initial_vector` of each labyrinth."""
+        self._layout = VectorLayout(height, width, task)
+        self.initial_vectors = np.zeros((count, self._layout.length), np.int32)
+        """The vector of each labyrinth's initial state, with nothing hidden."""
         self.looks = np.zeros(count, np.intp)
         """The look of each labyrinth, as an index in `Look`."""
 
     def load(self, place: int, labyrinth: Labyrinth, tables: Tables) -> None:
         """Put a labyrinth into a place."""
-        vector, look = initial_vector(labyrinth), labyrinth.look
+        vector, look = self._layout.initial(labyrinth), labyrinth.look
         self._load(np.array([place]), tables, [dump(labyrinth)], vector, look)
         self.labyrinths[place] = labyrinth
 
@@ -63,7 +58,7 @@ class Stack:
         tables: Tables,
     ) -> None:
         """Put labyrinths without tiles, all with the same start and goal, into the given places."""
-        vectors = initial_vectors(structures, np.tile(ends, (len(places), 1)))
+        vectors = self._layout.initial_of(structures, ends)
         self._load(places, tables, dump_many(structures, *ends, self._task), vectors, Look.PLAIN)
 
     def _load(
@@ -146,7 +141,7 @@ class Stack:
         """Return `vector.vector_observation` of each agent, a new array, shape (count, length)."""
         vectors: NDArray[np.int32] = self.initial_vectors.copy()
         visible = self.visible() if self._task.rules.hides else None
-        show_states(vectors, self._height, self._width, self._task, self.states(), visible)
+        self._layout.show(vectors, self.states(), visible)
         return vectors
 
     def visible(self) -> NDArray[np.bool_]:

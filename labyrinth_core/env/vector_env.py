@@ -35,10 +35,8 @@ from labyrinth_core.env.labyrinth_source import (
 from labyrinth_core.env.next_labyrinths import NextLabyrinths
 from labyrinth_core.env.observation import Kind, Observer
 from labyrinth_core.env.stack import Stack
-from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.pictures.gallery import Gallery
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.language import draw_text
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, Gallery, render
 from labyrinth_core.world import BUCKETS, Labyrinth, Tables, Task
 
 Mask = NDArray[np.bool_]

@@ -18,11 +18,11 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.errors import one_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.world import Action, Task
 
 if TYPE_CHECKING:
-    from labyrinth_core.pictures.observations import ObservationSpec
+    from labyrinth_core.pictures import ObservationSpec
 
 Policy = Callable[[Any], Any]
 """Maps B observations to B actions, or to scores of the four actions, shape (B, 4).
@@ -111,7 +111,7 @@ def fitted(
         image_size = needed
     size = DEFAULT_IMAGE_SIZE if image_size is None else image_size
     resize = resize if isinstance(resize, str) else "area"
-    from labyrinth_core.pictures.observations import ObservationSpec
+    from labyrinth_core.pictures import ObservationSpec
 
     return policy, ObservationSpec(observation, size, draw=True, resize=resize)
 

@@ -125,7 +125,12 @@ class TrainMemory:
 
     def walk(self, arrays: LabyrinthArrays) -> Episodes:
         """Return the episodes of an agent that follows remembered routes, and stays without one."""
-        ways = [self.routes.best(labyrinth) for labyrinth in arrays.labyrinths]
+        ways: list[list[int] | None] = [None] * len(arrays.labyrinths)
+        # By their starts, as the ways on from a cell are remembered for one cell at a time.
+        for place in np.argsort(arrays.position[arrays.initial], kind="stable").tolist():
+            labyrinth = arrays.labyrinths[place]
+            ways[place] = self.routes.best(labyrinth)
+            labyrinth.structure.free()
         moves = [arrays.step_limit if way is None else len(way) for way in ways]
         outcomes = np.array(["cut" if way is None else "solved" for way in ways])
         return Episodes(outcomes, np.array(moves, np.int64), arrays.cells)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from labyrinth_core.evaluation.answers import PolicyError, decide, fitted, memory_of
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import ROUNDED, Player
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth, Task, sample_labyrinth
 
 LABYRINTHS = 8

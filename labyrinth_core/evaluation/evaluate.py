@@ -14,9 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from labyrinth_core import typed
 from labyrinth_core.checks import whole
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
@@ -29,13 +26,9 @@ from labyrinth_core.evaluation.memorised import Receipt, receipt_of, train_of
 from labyrinth_core.evaluation.playing import ADVICE, Player
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.results import Results
-from labyrinth_core.evaluation.scores import ACCURACIES, Scores
+from labyrinth_core.evaluation.scores import Scores
 from labyrinth_core.evaluation.twins import train_set
-from labyrinth_core.pictures.observations import ObservationSpec
-
-CLOSE = 1e-4
-"""Scores of two actions that differ by at most this share of the greatest may fall another way on
-another machine, which sums in another order; float32 has seven digits."""
+from labyrinth_core.pictures import ObservationSpec
 
 
 def evaluate(
@@ -291,82 +284,6 @@ class Evaluation:
         arrays = self.load(split)
         return receipt_of(
             self.player, arrays, own, split=split, controls=controls, episodes=episodes
-        )
-
-    @classmethod
-    def require_replay(cls, results: Results, policy: Any, data: Dataset) -> None:
-        """Play a policy and compare each episode with the one that results claim.
-
-        A policy and a seed determine the episodes. Only where the scores of two actions are nearly
-        equal may another processor or version of a library decide otherwise; the message then says
-        so.
-
-        Args:
-            results: The results, of the dataset.
-            policy: The policy that is said to have achieved them.
-            data: The dataset.
-
-        Raises:
-            ValueError: An episode differs; the message names the first labyrinth.
-            PolicyError: The policy fails, or cannot be shown these labyrinths.
-        """
-        shown = cls.of(
-            policy,
-            data,
-            observation=results.observation,
-            image_size=results.image_size,
-            seed=results.seed,
-            run=results.run,
-        )
-        episodes = None if results.way == "look-ups" else results.episodes
-        again = shown.results(list(results.splits), episodes)
-        if again.way != results.way:
-            raise ValueError(
-                f"it.evaluated.way is {results.way}, but the policy plays by {again.way}"
-            )
-        for split, scores in results.splits.items():
-            claimed, played = scores.episodes, again.splits[split].episodes
-            wrong = (claimed.outcomes != played.outcomes) | (claimed.moves != played.moves)
-            for episode, number in np.argwhere(np.atleast_2d(wrong))[:1].tolist():
-                outcomes, moves = (
-                    [
-                        np.atleast_2d(getattr(each, name))[episode, number]
-                        for each in (claimed, played)
-                    ]
-                    for name in ("outcomes", "moves")
-                )
-                near = shown._near_tie(split, number) if again.way == "look-ups" else ""
-                raise ValueError(
-                    f"{split}: labyrinth {scores.labyrinth_ids[number]:016x} is {outcomes[0]} "
-                    f"after {moves[0]} moves, but {outcomes[1]} after {moves[1]} when the policy "
-                    f"plays it{near}"
-                )
-            for name in ACCURACIES:
-                told, right = getattr(scores, name), getattr(again.splits[split], name)
-                if told != right:
-                    raise ValueError(
-                        f"{split}: {name} is {told}, but {right} when the policy plays"
-                    )
-
-    def _near_tie(self, split: str, labyrinth: int) -> str:
-        """Say so if two actions have nearly equal scores where the policy goes in a labyrinth."""
-        arrays = self.load(split)
-        state, visited = int(arrays.initial[labyrinth]), []
-        gap = np.inf
-        while state not in visited and not arrays.terminal[state]:
-            visited.append(state)
-            answer = self.player.act(arrays.observations[np.array([state])])
-            scores: NDArray[Any] = np.asarray(answer)
-            if scores.shape != (1, 4):
-                return ""  # It answers with actions.
-            second, first = np.sort(scores[0].astype(np.float64))[-2:]
-            gap = min(gap, (first - second) / max(abs(first), 1e-12))
-            state = int(arrays.next_state[state, scores[0].argmax()])
-        if gap > CLOSE:
-            return ""
-        return (
-            f"; there the scores of two actions differ by only {gap:.0e} of the greatest, so "
-            "another machine may decide otherwise"
         )
 
     @staticmethod

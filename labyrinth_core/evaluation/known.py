@@ -17,7 +17,7 @@ from labyrinth_core.evaluation.baselines import BLIND, TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 
 _CLOSE = 1e-9
 """Figures of a baseline that differ by no more than this are equal; another processor may sum many

@@ -17,18 +17,20 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import Dataset, Selection
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.pictures.looks import Looks
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.language import labyrinth_id
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, Looks, ObservationSpec
 from labyrinth_core.world import RULES, Labyrinth, Tables
 
 if TYPE_CHECKING:
     from pyarrow.compute import Expression
 
-STATE_BYTES = 500
-"""The memory that each state takes while labyrinths are loaded, besides its observation: 449 to 481
-bytes in 10,000 labyrinths of 5x5, 300 of 25x25 and 30 of 100x100, 114 of them in arrays."""
+STATE_BYTES = 250
+"""The memory that each state takes while labyrinths are loaded, besides its observation: 210 to 237
+bytes in 10,000 labyrinths of 5x5, 400 of 25x25 and 60 of 100x100, 114 of them in arrays."""
+
+JOINED = 1_000
+"""The number of labyrinths whose arrays are joined at once: thousands of small ones take twice the
+memory of what they hold."""
 
 Place = tuple[int, int]
 """The id of a labyrinth, and the index of a state in it as in `Labyrinth.state_index`."""
@@ -111,7 +113,7 @@ class LabyrinthArrays:
             for block in part.replayed(pictures=False):
                 ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
                 for number, labyrinth in zip(ids, block.parsed(), strict=True):
-                    held.setdefault(number, labyrinth)
+                    held.setdefault(number, labyrinth).structure.free()
                 for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
                     place = ids[block.which[first]], int(block.states[first])
                     episodes.append((place, rows.actions[first:last].copy()))
@@ -249,6 +251,7 @@ def _stack(
     *,
     hold: bool,
 ) -> LabyrinthArrays:
+    blocks: list[dict[str, NDArray[Any]]] = []
     parts: list[dict[str, NDArray[Any]]] = []
     first: list[int] = []
     distance: list[int] = []
@@ -261,7 +264,11 @@ def _stack(
         part = _columns(tables, labyrinth.structure.cells, states, count)
         parts.append(part | {"labyrinth": np.full(len(states), number), "state": np.array(states)})
         count += len(states)
-    joined = {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
+        labyrinth.structure.free()
+        if len(parts) == JOINED:
+            blocks.append(_joined(parts))
+            parts = []
+    joined = _joined(blocks + parts)
     which, state = joined["labyrinth"], joined["state"]
     looks = Looks(spec, labyrinths, which, state)
     starts = _numbers_of([beginning for beginning, _ in episodes], np.array(ids), which, state)
@@ -282,6 +289,11 @@ def _stack(
         cells=labyrinths[0].structure.cells,
         **joined,
     )
+
+
+def _joined(parts: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
+    """Return the arrays of all parts, which are emptied."""
+    return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
 
 
 def _walk(

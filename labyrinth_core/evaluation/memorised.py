@@ -39,7 +39,7 @@ from labyrinth_core.evaluation.twins import (
     train_set,
     without_effects,
 )
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Action, Labyrinth
 
 SPLITS_WITHOUT_TRAIN = ("test", "validation")

@@ -16,7 +16,7 @@ from labyrinth_core.evaluation.baselines import REPLANNERS
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.playing import Player
 from labyrinth_core.evaluation.scores import Scores
-from labyrinth_core.pictures.vector import WALL, grid_indices
+from labyrinth_core.pictures import VectorLayout
 from labyrinth_core.world import Action, Structure, Task, seen_together
 
 
@@ -33,11 +33,12 @@ class Replanner:
     def __init__(self, height: int, width: int, *, memory: bool = True) -> None:
         self.memory = memory
         self._side = max(height, width)
-        self._place = grid_indices(height, width)
+        self._layout = VectorLayout(height, width, Task.PARTIAL_OBSERVABILITY)
+        self._cells = self._layout.cells
         # A neighbour outside the grid is the cell itself, behind the wall at the end of the grid.
         self._neighbours = np.array(Structure.without_walls(height, width).moves)
         inside = self._neighbours != np.arange(height * width)[:, None]
-        between = (self._place[:, None] + self._place[self._neighbours]) // 2
+        between = (self._cells[:, None] + self._cells[self._neighbours]) // 2
         self._passages = np.where(inside, between, -1)
         self.reset(0)
 
@@ -58,9 +59,9 @@ class Replanner:
     def act(self, observations: NDArray[np.int32]) -> NDArray[np.int64]:
         """Return an action for each of B vectors, shape (B,)."""
         tiles, rows = Task.PARTIAL_OBSERVABILITY.rules.positions, np.arange(len(observations))
-        agents, _, goals = np.searchsorted(self._place, observations[:, :tiles]).T
-        grids = np.pad(observations[:, tiles:], ((0, 0), (0, 1)), constant_values=WALL)
-        walls = self._seen_walls(grids[:, self._passages] == WALL, agents)
+        agents, _, goals = np.searchsorted(self._cells, observations[:, :tiles]).T
+        shown = np.pad(self._layout.walls(observations), ((0, 0), (0, 1)), constant_values=True)
+        walls = self._seen_walls(shown[:, self._passages], agents)
         if self.memory:
             walls |= self._walls
             self._walls = walls

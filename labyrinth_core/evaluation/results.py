@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields, replace
-from math import fsum, prod
+from math import prod
 from pathlib import Path
 from textwrap import fill
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from labyrinth_core import typed
 from labyrinth_core.data import SPLITS
@@ -28,10 +27,11 @@ from labyrinth_core.evaluation.results_form import (
     ResultsFile,
     check_receipt,
 )
-from labyrinth_core.evaluation.scores import ACCURACIES, OUTCOMES, Scores, interval
-from labyrinth_core.language.collection import files_in
-from labyrinth_core.language.source_text import parse_size, printable_line
+from labyrinth_core.evaluation.scores import OUTCOMES, Scores, interval, over_seeds, solved_by
+from labyrinth_core.language import parse_size
+from labyrinth_core.listing import files_in
 from labyrinth_core.storage import File, LocalFile
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.version import __version__
 
 COLUMNS = 80
@@ -285,45 +285,15 @@ class Results:
 
     @staticmethod
     def over_seeds(runs: Sequence[Results], split: str) -> dict[str, Any]:
-        """Return the figures on a split of results that differ only in their seed, one at least.
-
-        `spl`, `sr` and `aer` have an interval over seeds and labyrinths, with ends `_low` and
-        `_high`. `aer_std` is the standard deviation over labyrinths, averaged over seeds. Each kind
-        of failure has its share of all episodes. `by_distance` says how many episodes succeed for
-        each length of the shortest route, such as `8: 3 of 5`.
-        """
-        scores = [each.splits[split] for each in runs]
-        outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
-        values = {
-            "spl": np.stack([Scores.by_labyrinth(each.weighted) for each in scores]),
-            "sr": _solved(runs, split),
-            "aer": np.stack([Scores.by_labyrinth(each.episodes.returns) for each in scores]),
-        }
-        figures: dict[str, Any] = {
-            name: _mean(getattr(each, name) for each in scores) for name in _AVERAGED
-        }
-        figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
-        for name, by_seed in values.items():
-            bounds = Scores.return_interval(by_seed) if name == "aer" else interval(by_seed)
-            figures[f"{name}_low"], figures[f"{name}_high"] = bounds
-        for failure in ("loop", "wall", "ice"):
-            figures[failure] = float((outcomes == failure).mean())
-        counted = [each.by_distance for each in scores]
-        lengths = (
-            f"{moves}: {sum(each[moves][0] for each in counted)} of "
-            f"{sum(each[moves][1] for each in counted)}"
-            for moves in counted[0]
-        )
-        return figures | {
-            "labyrinths": len(scores[0].distance),
-            "aer_std": float(np.mean([each.episodes.returns.std() for each in scores])),
-            "by_distance": "; ".join(lengths),
-        }
+        """Return the figures of results that differ only in their seed; see `scores.over_seeds`."""
+        return over_seeds([each.splits[split] for each in runs])
 
     @staticmethod
     def gap(runs: Sequence[Results]) -> tuple[float, float, float]:
         """Return SR on train minus SR on test over seeds, and the ends of its interval."""
-        train, test = _solved(runs, "train"), _solved(runs, "test")
+        train, test = (
+            solved_by([each.splits[split] for each in runs]) for split in ("train", "test")
+        )
         return float(train.mean() - test.mean()), *interval(train, test)
 
     def require_dataset(self, known: KnownDataset) -> None:
@@ -371,23 +341,6 @@ class Results:
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(by_split) for name, by_split in self.baselines.items()},
         }
-
-
-_AVERAGED = (
-    *("spl", "sr_within_cells", "sr_known_route", "sr_new_route", "path_efficiency"),
-    *ACCURACIES,
-)
-"""Figures of `Scores` that are averaged over seeds; None if no seed defines them."""
-
-
-def _solved(runs: Sequence[Results], split: str) -> NDArray[np.float64]:
-    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
-    return np.stack([Scores.by_labyrinth(each.splits[split].episodes.solved) for each in runs])
-
-
-def _mean(values: Iterable[float | None]) -> float | None:
-    defined = [value for value in values if value is not None]
-    return fsum(defined) / len(defined) if defined else None
 
 
 @contextmanager

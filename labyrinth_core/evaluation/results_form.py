@@ -26,7 +26,7 @@ from labyrinth_core.evaluation.description import (
 )
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.scores import Episodes, Scores
-from labyrinth_core.pictures.observations import KINDS
+from labyrinth_core.pictures import OBSERVATIONS
 from labyrinth_core.world import Action
 
 KIND = "labyrinth-results"
@@ -157,7 +157,7 @@ class DatasetName:
 class Evaluated:
     """How a policy was evaluated; see `Results`."""
 
-    observation: Annotated[str, typed.Like("|".join(["image", *KINDS]))]
+    observation: Annotated[str, typed.Like("|".join(OBSERVATIONS))]
     image_size: typed.Positive | None
     way: Literal["look-ups", "steps"]
     episodes: Annotated[int, typed.Within(1, typed.MOST_EPISODES)]

@@ -14,9 +14,9 @@ simulation of how often the interval contains the true mean.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import inf, pi, sqrt, tan
+from math import fsum, inf, pi, sqrt, tan
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
@@ -237,6 +237,59 @@ class Scores:
                 Scores.return_interval(Scores.by_labyrinth(episodes.returns)[None])
             ),
         }
+
+
+_AVERAGED = (
+    *("spl", "sr_within_cells", "sr_known_route", "sr_new_route", "path_efficiency"),
+    *ACCURACIES,
+)
+"""Figures of `Scores` that are averaged over seeds; None if no seed defines them."""
+
+
+def over_seeds(scores: Sequence[Scores]) -> dict[str, Any]:
+    """Return the figures of the scores of seeds on a split; one seed is enough.
+
+    `spl`, `sr` and `aer` have an interval over seeds and labyrinths, with ends `_low` and
+    `_high`. `aer_std` is the standard deviation over labyrinths, averaged over seeds. Each kind
+    of failure has its share of all episodes. `by_distance` says how many episodes succeed for
+    each length of the shortest route, such as `8: 3 of 5`.
+    """
+    outcomes = np.concatenate([np.atleast_2d(each.episodes.outcomes) for each in scores])
+    values = {
+        "spl": np.stack([Scores.by_labyrinth(each.weighted) for each in scores]),
+        "sr": solved_by(scores),
+        "aer": np.stack([Scores.by_labyrinth(each.episodes.returns) for each in scores]),
+    }
+    figures: dict[str, Any] = {
+        name: _mean(getattr(each, name) for each in scores) for name in _AVERAGED
+    }
+    figures |= {name: float(values[name].mean()) for name in ("sr", "aer")}
+    for name, by_seed in values.items():
+        bounds = Scores.return_interval(by_seed) if name == "aer" else interval(by_seed)
+        figures[f"{name}_low"], figures[f"{name}_high"] = bounds
+    for failure in ("loop", "wall", "ice"):
+        figures[failure] = float((outcomes == failure).mean())
+    counted = [each.by_distance for each in scores]
+    lengths = (
+        f"{moves}: {sum(each[moves][0] for each in counted)} of "
+        f"{sum(each[moves][1] for each in counted)}"
+        for moves in counted[0]
+    )
+    return figures | {
+        "labyrinths": len(scores[0].distance),
+        "aer_std": float(np.mean([each.episodes.returns.std() for each in scores])),
+        "by_distance": "; ".join(lengths),
+    }
+
+
+def solved_by(seeds: Sequence[Scores]) -> NDArray[np.float64]:
+    """Return the share of solved episodes for each labyrinth, shape (seeds, labyrinths)."""
+    return np.stack([Scores.by_labyrinth(each.episodes.solved) for each in seeds])
+
+
+def _mean(values: Iterable[float | None]) -> float | None:
+    defined = [value for value in values if value is not None]
+    return fsum(defined) / len(defined) if defined else None
 
 
 def mean_if_any(values: NDArray[Any]) -> float | None:

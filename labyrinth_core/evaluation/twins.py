@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import DatasetConfig, Drawing
 from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth, Labyrinths
 
 FIRST_SEED = 2**62

@@ -8,28 +8,27 @@ from __future__ import annotations
 import io
 import os
 import re
-import stat
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
-from fnmatch import fnmatchcase
 from functools import partial
-from pathlib import Path, PurePath
+from pathlib import Path
 from tokenize import TokenError
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode, printable_line
-from labyrinth_core.language.text import parse
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode
+from labyrinth_core.language.text import dump, parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
-from labyrinth_core.world import Labyrinth, Structure
+from labyrinth_core.listing import files_in, why_unreadable
+from labyrinth_core.terminal import printable_line
+from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 
 MAX_BYTES = 1 << 28
 """The largest file size."""
 
-KINDS = (".labyrinth", ".npy")
-"""The suffixes of the files that are read."""
 ARCHIVES = (".gz", ".npz", ".tar", ".tgz", ".zip")
 """The suffixes of archives, which have to be unpacked first."""
 
@@ -41,16 +40,6 @@ _ERRORS_OF_NUMPY = (
     *(OSError, EOFError, MemoryError, SyntaxError, TokenError),
 )
 """What NumPy raises for the header of an array: it parses any Python literal, and checks little."""
-LITTER = (
-    *(".ds_store", "._*", "thumbs.db", "desktop.ini", ".directory", "__macosx"),
-    *("@eadir", "@recycle", "#recycle", "$recycle.bin", "system volume information", "lost+found"),
-    *(".trash*", ".stfolder", ".spotlight-v100", ".fseventsd", ".temporaryitems", ".appledouble"),
-    *("#snapshot", "@recently-snapshot", ".snapshot", ".snapshots", ".@__thumb", ".syncthing.*"),
-    *(".nfs*", ".fuse_hidden*"),
-    *(".ipynb_checkpoints", "cache-*.arrow"),
-)
-"""Patterns, in lower case, of files and folders that desktops, storage servers, network file
-systems and readers (Jupyter, `datasets`) leave anywhere."""
 
 
 class Entry(NamedTuple):
@@ -66,84 +55,93 @@ class Entry(NamedTuple):
     """Why it cannot be read, in one line that begins with the place."""
 
 
-def is_collection(path: Path) -> bool:
-    """Return whether a path is for `read_collection`: a folder, an array, a text or an archive."""
-    return path.is_dir() or path.suffix.lower() in KINDS + ARCHIVES
-
-
-def is_litter(path: str | PurePath) -> bool:
-    """Return whether a path relative to a folder matches `LITTER`, files that no user misses."""
-    parts = [part.lower() for part in PurePath(path).parts]
-    return any(fnmatchcase(part, pattern) for part in parts for pattern in LITTER)
-
-
-def files_in(folder: Path) -> list[tuple[Path, str]]:
-    """Return the paths of files in a folder and its sub-folders, sorted; [] if it does not exist.
-
-    With each comes the reason why it cannot be read, empty for a regular file: a link that leads
-    nowhere, a folder that cannot be listed. Files and folders whose names begin with a dot, such as
-    `.git` or `.ipynb_checkpoints`, are skipped. Links are followed; below each entry of `folder`,
-    a folder that links reach several times is listed once.
-    """
-    files: list[tuple[Path, str]] = []
-    folders = [folder] if os.path.lexists(folder) else []
-    listed: set[tuple[str, str]] = set()
-    for each in folders:  # The list grows during the loop.
-        try:
-            paths = sorted(each.iterdir())
-        except OSError as error:
-            files.append((each, _reason(each, error)))
-            continue
-        for path in paths:
-            if path.name.startswith(".") or is_litter(path.name):
-                continue
-            try:
-                mode = path.stat().st_mode
-            except OSError as error:
-                files.append((path, _reason(path, error)))
-                continue
-            if stat.S_ISDIR(mode):
-                key = path.relative_to(folder).parts[0], os.path.realpath(path)
-                if key not in listed:
-                    listed.add(key)
-                    folders.append(path)
-            else:
-                files.append((path, "" if stat.S_ISREG(mode) else "it is not a regular file"))
-    return sorted(files)
-
-
-def _reason(path: Path, error: OSError) -> str:
-    leads = "a link that leads nowhere: " if path.is_symlink() and not path.exists() else ""
-    return leads + (error.strerror or str(error))
-
-
-def read_collection(path: str | Path) -> Iterator[Entry]:
-    """Yield the labyrinths of a file, or of all files in a folder and its sub-folders, in order.
+class Collection:
+    """The labyrinths of a file, or of all files in a folder and its sub-folders, in order.
 
     The split is the name of the first sub-folder on the path to a file; without a sub-folder it is
     the name of the file, or of the folder for the texts in a folder. Hidden files and folders are
-    skipped. A file, folder or link that cannot be read yields a problem, and so does an archive,
+    skipped. A file, folder or link that cannot be read gives a problem, and so does an archive,
     which has to be unpacked first.
+    """
+
+    SUFFIXES: ClassVar = (".labyrinth", ".npy")
+    """The suffixes of the files that are read."""
+
+    def __init__(self, path: str | Path) -> None:
+        """Name the file or folder; it is read when the labyrinths are taken."""
+        self.path = Path(path)
+
+    @staticmethod
+    def is_at(path: Path) -> bool:
+        """Return whether a path can be one: a folder, an array, a text or an archive."""
+        return path.is_dir() or path.suffix.lower() in Collection.SUFFIXES + ARCHIVES
+
+    def __iter__(self) -> Iterator[Entry]:
+        """Yield each labyrinth, or the reason why it cannot be read.
+
+        Raises:
+            OSError: The path does not exist.
+        """
+        path = self.path
+        path.stat()  # Raises if it does not exist.
+        folder = path if path.is_dir() else path.parent
+        real = path.resolve()
+        name = real.name if path.is_dir() else path.stem
+        for file, problem in files_in(path) if path.is_dir() else [(path, "")]:
+            kind = file.suffix.lower()
+            linked = file != path and os.path.realpath(file) != str(real / file.relative_to(path))
+            if problem or kind in self.SUFFIXES + ARCHIVES:
+                (first, *rest) = file.relative_to(folder).parts or (name,)
+                split = first if rest else (name if kind == ".labyrinth" else Path(first).stem)
+                shown = printable_line(str(file))  # A file name can hold any character.
+                if problem:
+                    yield Entry(_safe(split), shown, None, f"{shown}: {problem}")
+                else:
+                    yield from _entries(file, kind, _safe(split), shown, quotes=not linked)
+
+    def texts(self) -> Iterator[tuple[Entry, str]]:
+        """Yield each entry with its labyrinth as text, which is empty if there is a problem.
+
+        Start and goal that are not marked are in their default places.
+        """
+        for entry in self:
+            labyrinth = entry.found
+            try:
+                if isinstance(labyrinth, Structure):
+                    labyrinth = Labyrinth(labyrinth, *labyrinth.default_ends)
+            except LabyrinthError as error:  # No route joins the default start and goal.
+                yield entry._replace(found=None, problem=f"{entry.place}: {error}"), ""
+            else:
+                yield entry, "" if labyrinth is None else dump(labyrinth)
+
+    def write_texts(self, folder: Path) -> tuple[Counter[str], list[str]]:
+        """Write each labyrinth as a .labyrinth file, by split, named by its number in the split.
+
+        Returns:
+            The number of labyrinths written by split, and all problems.
+        """
+        read, written = Counter[str](), Counter[str]()
+        problems = []
+        for entry, text in self.texts():
+            split = entry.split
+            if text:
+                (folder / split).mkdir(parents=True, exist_ok=True)
+                path = folder / split / f"{read[split]:06}.labyrinth"
+                path.write_text(text, encoding="utf-8")
+                written[split] += 1
+            else:
+                problems.append(entry.problem)
+            read[split] += 1
+        return written, problems
+
+
+def read_collection(path: str | Path) -> Iterator[Entry]:
+    """Yield the labyrinths of a file or folder: `iter(Collection(path))`.
 
     Raises:
         OSError: The path does not exist.
     """
-    path = Path(path)
-    path.stat()  # Raises if it does not exist.
-    folder = path if path.is_dir() else path.parent
-    real = path.resolve()
-    name = real.name if path.is_dir() else path.stem
-    for file, problem in files_in(path) if path.is_dir() else [(path, "")]:
-        kind = file.suffix.lower()
-        linked = file != path and os.path.realpath(file) != str(real / file.relative_to(path))
-        if problem or kind in KINDS + ARCHIVES:
-            (first, *rest) = file.relative_to(folder).parts or (name,)
-            split = first if rest else (name if kind == ".labyrinth" else Path(first).stem)
-            place = printable_line(str(file))  # A file name can hold any character.
-            if problem:
-                yield Entry(_safe(split), place, None, f"{place}: {problem}")
-            else:
-                yield from _entries(file, kind, _safe(split), place, quotes=not linked)
+    return iter(Collection(path))
 
 
 def _entries(file: Path, kind: str, split: str, place: str, *, quotes: bool) -> Iterator[Entry]:
@@ -164,7 +162,7 @@ def _entries(file: Path, kind: str, split: str, place: str, *, quotes: bool) -> 
             for index, read in _in_array(_array(data, quotes=quotes)):
                 yield _entry(split, place + index, read)
     except OSError as error:
-        yield Entry(split, place, None, f"{place}: {_reason(file, error)}")
+        yield Entry(split, place, None, f"{place}: {why_unreadable(file, error)}")
     except ValueError as error:
         yield Entry(split, place, None, f"{place}: {_line(error)}")
 

@@ -12,11 +12,7 @@ import re
 from math import isqrt
 from typing import NoReturn
 
-from labyrinth_core.language.source_text import (
-    LabyrinthSyntaxError,
-    character_at,
-    with_line_feeds,
-)
+from labyrinth_core.language.source_text import LabyrinthSyntaxError, character_at, with_line_feeds
 from labyrinth_core.world import SIDES, Labyrinth, LabyrinthError, Structure, Task
 
 _Pair = tuple[int, tuple[int, int]]

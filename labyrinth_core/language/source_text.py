@@ -5,16 +5,14 @@ The text language and the lists of edges share this module.
 
 from __future__ import annotations
 
-import io
-import os
 import re
-import sys
 from bisect import bisect_right
 from dataclasses import dataclass
 from operator import itemgetter
 from pathlib import Path
-from typing import NoReturn
+from typing import BinaryIO, NoReturn
 
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, LabyrinthError
 
 MAX_TEXT = 32 * 1024 * 1024
@@ -169,36 +167,6 @@ def character_at(text: str, offset: int) -> str:
     return repr(char) if char.isprintable() else f"the character U+{ord(char):04X}"
 
 
-def printable(text: str) -> str:
-    """Escape the characters of a text that do not print, except line breaks, for a terminal.
-
-    File names can hold any character, including those that colour or clear the screen.
-    """
-    return "".join(
-        char if char.isprintable() or char == "\n" else ascii(char)[1:-1] for char in text
-    )
-
-
-def printable_line(text: str) -> str:
-    """Escape all characters of a text that do not print, line breaks too, as in names of files."""
-    return printable(text).replace("\n", "\\n")
-
-
-def escape_output() -> None:
-    """Make stdout and stderr escape what they cannot encode, so that no message fails.
-
-    A stream that the shell closed (`>&-`) is reopened on the null device, also for child processes.
-    """
-    for number, name in ((1, "stdout"), (2, "stderr")):
-        if getattr(sys, name) is None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), number)
-            os.set_inheritable(number, True)
-            setattr(sys, name, os.fdopen(number, "w"))
-        stream = getattr(sys, name)
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="backslashreplace")
-
-
 def quoted(text: str) -> str:
     """Return a word or line in quotation marks, cut to 30 characters."""
     if not text:
@@ -219,15 +187,21 @@ def with_line_feeds(text: str, file: str | None) -> str:
     return text.removeprefix("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
 
 
-def read_text(path: Path) -> str:
+def read_text(file: Path | BinaryIO, name: str | None = None) -> str:
     """Return the text of a UTF-8 file, of which at most `MAX_TEXT` + 1 bytes are read.
+
+    Args:
+        file: Its path, or an open stream of bytes.
+        name: Its name for messages; None for the path.
 
     Raises:
         LabyrinthSyntaxError: The file is too long, or not UTF-8.
         OSError: The file cannot be read.
     """
-    with path.open("rb") as stream:
-        return decode(stream.read(MAX_TEXT + 1), str(path))
+    if isinstance(file, Path):
+        with file.open("rb") as stream:
+            return read_text(stream, name or str(file))
+    return decode(file.read(MAX_TEXT + 1), name)
 
 
 def decode(data: bytes, file: str | None) -> str:

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -24,22 +24,25 @@ from labyrinth_core.world import Episode, Labyrinth, State
 
 NO_LABEL = -1
 
+KEPT_EPISODES = 10_000
+"""The number of replayed episodes to keep: each takes some 4 KB at 5x5."""
+
 
 class ExampleSampler:
     """Samples training examples from the demonstrated episodes."""
 
     def __init__(self, arrays: LabyrinthArrays) -> None:
-        """Replay the episodes of `arrays`."""
-        self._spec = arrays.spec
-        self.episodes: list[Episode] = []
-        for start, route in zip(arrays.route_starts.tolist(), arrays.routes, strict=True):
-            labyrinth = arrays.labyrinths[arrays.labyrinth[start]]
-            self.episodes.append(labyrinth.replay(route.tolist()))
+        """Sample from the episodes of `arrays`, which are replayed when they are drawn."""
+        self._arrays = arrays
+        episode = lru_cache(KEPT_EPISODES)(partial(_replayed, arrays))
+        self.episode = episode
+        """Returns an episode by its number."""
+        self.parts = lru_cache(KEPT_EPISODES)(lambda number: Parts(episode(number)))
+        """Returns the parts of an episode by its number."""
 
-    @cached_property
-    def parts(self) -> list[Parts]:
-        """The parts of each episode."""
-        return [Parts(episode) for episode in self.episodes]
+    def __len__(self) -> int:
+        """Return the number of episodes."""
+        return len(self._arrays.routes)
 
     def draw(
         self, count: int, rng: np.random.Generator, *, relabel: bool, whole: bool
@@ -61,16 +64,16 @@ class ExampleSampler:
         """
         drawn = [self.example(rng, relabel, whole) for _ in range(count)]
         views, labels = zip(*drawn, strict=True)
-        return self._spec.look(views), np.stack(labels)
+        return self._arrays.spec.look(views), np.stack(labels)
 
     def example(
         self, rng: np.random.Generator, relabel: bool, whole: bool
     ) -> tuple[tuple[Labyrinth, State], NDArray[np.int64]]:
         """Return a random example: a labyrinth with a state, and the label."""
-        number = rng.integers(len(self.episodes))
-        episode = self.episodes[number]
+        number = int(rng.integers(len(self)))
+        episode = self.episode(number)
         first, last, labyrinth = 0, len(episode), episode.labyrinth
-        if relabel and (parts := self.parts[number]):
+        if relabel and (parts := self.parts(number)):
             first, last = parts[int(rng.integers(len(parts)))]
             labyrinth = _with_ends(episode, first, last)
         step = 1 if first < last else -1
@@ -87,6 +90,11 @@ class ExampleSampler:
                 labels[there.agent] = _action(episode, index, step)
         rows = labels.reshape(structure.height, structure.width)[::-1]
         return (labyrinth, state), rows
+
+
+def _replayed(arrays: LabyrinthArrays, number: int) -> Episode:
+    labyrinth = arrays.labyrinths[int(arrays.labyrinth[arrays.route_starts[number]])]
+    return labyrinth.replay(arrays.routes[number].tolist())
 
 
 def _action(episode: Episode, index: int, step: int) -> int:

@@ -1,11 +1,12 @@
-"""A method of learning: its settings, what it learns from, and a learner that trains by epochs."""
+"""A method of learning: its settings, and a learner that trains by epochs."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import MISSING, Field, dataclass, field, fields, is_dataclass
-from functools import cached_property
+from importlib import import_module
 from math import inf
 from typing import Any, ClassVar
 
@@ -18,13 +19,12 @@ from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
 from labyrinth_core.evaluation import LabyrinthArrays
-from labyrinth_core.learning.examples import ExampleSampler
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
-from labyrinth_core.learning.networks.network import ACTIONS, Network
-from labyrinth_core.learning.observations import Observations, parts_of
-from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_defaults
+from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning.steps import parts_of
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -65,35 +65,6 @@ class BaseSettings:
                     setattr(cls, each.name, field(default=default, metadata=each.metadata))
 
 
-@dataclass(frozen=True, eq=False)
-class Problem:
-    """Everything that a method may learn from and compute with."""
-
-    arrays: LabyrinthArrays
-    """The labyrinths of the split train only."""
-    observations: Observations
-    """Returns the observations of states of `arrays`, on the device."""
-    demonstrations: Steps
-    exploration: Callable[[], Steps]
-    """Returns the steps of the random policy; raises DatasetError if the dataset has none."""
-    spec: NetworkSpec
-    rng: np.random.Generator
-    """The source of all randomness except weights and dropout, which use torch's generator."""
-    renewed: Callable[[Problem, int], Problem] | None = None
-    """Returns this problem with new labyrinths, given the number of an epoch from 0 on; None if
-    each epoch has the same labyrinths."""
-
-    @property
-    def device(self) -> torch.device:
-        """The device to compute on."""
-        return self.observations.device
-
-    @cached_property
-    def examples(self) -> ExampleSampler:
-        """A sampler of pictures from the demonstrations, as they are or relabelled."""
-        return ExampleSampler(self.arrays)
-
-
 class Learner(ABC):
     """A method during training.
 
@@ -117,6 +88,34 @@ class Learner(ABC):
         self.settings = settings
         self.policy = self.make(problem.spec, settings).to(problem.device)
         self.optimizer = self.adam(self.policy)
+
+    @staticmethod
+    @contextmanager
+    def seeded(seed: int, device: torch.device) -> Iterator[None]:
+        """Let the block compute with PyTorch's usual defaults and random numbers of its own.
+
+        Args:
+            seed: The seed of weights and dropout; afterwards PyTorch goes on where it was before.
+            device: The device to compute on.
+        """
+        # Older versions of PyTorch cannot fork the random state of Apple's GPUs.
+        forked = [device] if device.type in ("cuda", "xpu") else []
+        kind = forked[0].type if forked else "cuda"
+        with usual_defaults(), torch.random.fork_rng(devices=forked, device_type=kind):
+            torch.manual_seed(seed)
+            yield
+
+    @classmethod
+    def settings_class(cls) -> Any:
+        """Return the class of the method's settings.
+
+        It is the class `Settings` of its module or, if that has none, of the module of the method
+        it inherits from; else `BaseSettings`.
+        """
+        declared = (
+            getattr(import_module(each.__module__), "Settings", None) for each in cls.__mro__
+        )
+        return next(filter(None, declared), BaseSettings)
 
     @classmethod
     def make(cls, spec: NetworkSpec, settings: Any) -> nn.Module:  # noqa: ARG003
@@ -172,6 +171,41 @@ class Learner(ABC):
         """
         return policy
 
+    @classmethod
+    @usual_defaults()
+    def trained(
+        cls,
+        weights: Mapping[str, Tensor],
+        spec: NetworkSpec,
+        settings: Any,
+        device: torch.device | str = "cpu",
+    ) -> NetworkPolicy:
+        """Return the policy that was trained, as `player` takes it.
+
+        Args:
+            weights: The weights by name.
+            spec: The network, with the size of the labyrinths that it was trained on.
+            settings: The settings of the method.
+            device: The device to compute on.
+
+        Raises:
+            RuntimeError: The weights are those of another network.
+        """
+        network = cls.make(spec, settings).to(device)
+        network.load_state_dict(weights)
+        return NetworkPolicy(network)
+
+    @property
+    def acting(self) -> NetworkPolicy:
+        """The policy as it is now, as `player` takes it."""
+        return NetworkPolicy(self.policy)
+
+    @property
+    def policy_spec(self) -> PolicySpec:
+        """The specification of the policy, if its network is one of the library's."""
+        spec, resize = self.problem.spec, self.problem.arrays.spec.resize
+        return PolicySpec.of_method(spec, self.settings, resize)
+
     def renew(self, problem: Problem) -> None:
         """Take the labyrinths of the next epoch, if each epoch has new ones.
 
@@ -217,16 +251,16 @@ class Learner(ABC):
             states: The numbers of N states, shape (N,); several arrays for a network that sees
                 several states at once. None for all states.
         """
-        given = states or (np.arange(len(self.problem.observations)),)
-        found = torch.empty(0)
-        for part in parts_of(len(given[0]), BATCH):
-            some = outputs_of(network, self.see(*(each[part] for each in given)))
-            if not len(found):
-                found = some.new_empty((len(given[0]), *some.shape[1:]))
+        states = states or (np.arange(len(self.problem.observations)),)
+        outputs, count = torch.empty(0), len(states[0])
+        for part in parts_of(count, BATCH):
+            some = outputs_of(network, self.see(*(each[part] for each in states)))
+            if not len(outputs):
+                outputs = some.new_empty((count, *some.shape[1:]))
             # Thousands of small results, if kept, would lie between the large blocks of the batches
             # and keep their memory from being used again: at 25x25 half a megabyte for each batch.
-            found[part[0] : part[-1] + 1] = some
-        return found
+            outputs[part[0] : part[-1] + 1] = some
+        return outputs
 
     def batches(self, count: int) -> list[NDArray[np.int64]]:
         """Return the numbers from 0 to `count` - 1 in random order, split into batches."""

@@ -5,34 +5,18 @@ The file is data: every value is checked against the allowed values, and nothing
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from math import inf
-from typing import Any, TypedDict, TypeVar
+from typing import Any, ClassVar, TypedDict, TypeVar
 
 from labyrinth_core import typed
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
-
-CONFIG = "config.json"
-WEIGHTS = "model.safetensors"
-"""The two files of a policy, trained or published."""
-
-RECORD = "run.json"
-"""The record of the training run that made a policy, beside these two."""
-
-GRAPH = "model.onnx"
-"""The only file of an ONNX policy, which a season's judge reads and `load_policy` does not."""
 
 KIND = "labyrinth-policy"
 FORMAT = 1
-
-ENCODERS = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
-"""Encoder -> the observation that it encodes."""
-
-RESIZE_OF_PROTOCOL = {"default": "area", "paper": "original", "authors": "original"}
-"""Training protocol -> how pictures are made smaller, one of `RESIZES`."""
 
 PLANNER, MAPPER = "planner", "mapper"
 """The methods with a network of their own; in a `NetworkSpec` their name replaces the encoder."""
@@ -55,12 +39,33 @@ def checked(least: float | None = None, most: float = inf, one_of: Iterable[Any]
 class NetworkSpec:
     """Everything that determines the shape of a network with an encoder."""
 
-    encoder: str = checked(one_of=(*ENCODERS, PLANNER, MAPPER))
+    ENCODERS: ClassVar[Mapping[str, str]] = {"cnn": "image", "resnet18": "image", "mlp": "vector"}
+    """Encoder -> the observation that it encodes."""
+    OWN: ClassVar[Sequence[str]] = (PLANNER, MAPPER)
+    """The methods with a network of their own, which takes pictures."""
+
+    encoder: str = checked(one_of=(*ENCODERS, *OWN))
     """An encoder, or the name of a method that has a network of its own."""
     height: int = checked(SIDES[0], SIDES[-1])
     """The height of the labyrinths in cells; the length of vectors depends on it."""
     width: int = checked(SIDES[0], SIDES[-1])
     task: str = checked(one_of=map(str, Task))
+
+    @property
+    def observation(self) -> str:
+        """What the network looks at: image or vector."""
+        return self.ENCODERS.get(self.encoder, "image")
+
+    def require_same_vectors(self, height: int, width: int, task: Task) -> None:
+        """Raise PolicyError if the network takes vectors, and those of such labyrinths differ."""
+        from labyrinth_core.evaluation import PolicyError
+
+        own = self.height, self.width, Task(self.task).rules.positions
+        if self.observation == "vector" and own != (height, width, task.rules.positions):
+            raise PolicyError(
+                f"the policy needs vectors of {self.height}x{self.width}, {self.task}: those of "
+                f"{height}x{width}, {task}, have another layout"
+            )
 
 
 MOST_ITERATIONS = 2000
@@ -118,13 +123,17 @@ class MapperSpec:
     """The number of features per colour that decide whether it blocks."""
 
 
-OWN = {PLANNER: PlannerSpec, MAPPER: MapperSpec}
+_OWN = {PLANNER: PlannerSpec, MAPPER: MapperSpec}
 """Method with a network of its own -> the class of the network's settings."""
 
 
 @dataclass(frozen=True)
 class PolicySpec:
     """The specification of a policy's network, and of the observations it needs."""
+
+    FILE: ClassVar[str] = "config.json"
+    WEIGHTS: ClassVar[str] = "model.safetensors"
+    """The two files of a policy, trained or published: this specification, and the weights."""
 
     network: NetworkSpec
     average: bool
@@ -137,7 +146,17 @@ class PolicySpec:
     @property
     def observation(self) -> str:
         """What the policy looks at: image or vector."""
-        return ENCODERS.get(self.network.encoder, "image")
+        return self.network.observation
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the policy plans once in an episode, and remembers the plan."""
+        return isinstance(self.own, MapperSpec)
+
+    @property
+    def knows_how_to_plan(self) -> bool:
+        """Whether planning, or a part of it, is built into the network."""
+        return isinstance(self.own, PlannerSpec)
 
     @property
     def image_size(self) -> int | None:
@@ -160,18 +179,11 @@ class PolicySpec:
         """Raise PolicyError if the policy cannot be shown labyrinths of this size and task."""
         from labyrinth_core.evaluation import PolicyError
 
-        network, shape = self.network, f"{height}x{width}"
-        if self.observation == "vector":
-            own = network.height, network.width, Task(network.task).rules.positions
-            if own != (height, width, task.rules.positions):
-                raise PolicyError(
-                    f"the policy needs vectors of {network.height}x{network.width}, "
-                    f"{network.task}: those of {shape}, {task}, have another layout"
-                )
+        self.network.require_same_vectors(height, width, task)
         if isinstance(self.own, PlannerSpec) and self.own.grid_prior and height != width:
             raise PolicyError(
                 f"the policy is a planner with grid_prior=true, which needs as many rows as "
-                f"columns: {shape} cannot be shown to it"
+                f"columns: {height}x{width} cannot be shown to it"
             )
 
     def to_json(self) -> dict[str, Any]:
@@ -190,20 +202,18 @@ class PolicySpec:
         }
 
     @classmethod
-    def of_run(cls, network: NetworkSpec, run: Mapping[str, Any]) -> PolicySpec:
-        """Return the specification of the policy that a training run makes.
+    def of_method(cls, network: NetworkSpec, settings: Any, resize: str) -> PolicySpec:
+        """Return the specification of the policy that a method trains.
 
         Args:
             network: The network.
-            run: The choices that determine the run: its `protocol`, and the `settings` of its
-                method.
+            settings: The settings of the method.
+            resize: How its pictures are made smaller.
         """
-        settings, of_method = run["settings"], OWN.get(network.encoder)
         own = None
-        if of_method is not None:
-            own = of_method(**{each.name: settings[each.name] for each in fields(of_method)})
-        resize = RESIZE_OF_PROTOCOL[run["protocol"]]
-        return cls(network, settings.get("average", False), own, resize)
+        if (spec := _OWN.get(network.encoder)) is not None:
+            own = spec(**{each.name: getattr(settings, each.name) for each in fields(spec)})
+        return cls(network, getattr(settings, "average", False), own, resize)
 
     @classmethod
     def from_json(cls, content: Any) -> PolicySpec:
@@ -212,12 +222,12 @@ class PolicySpec:
         Raises:
             ValueError: The content has another form, or a value that is not allowed.
         """
-        from labyrinth_core.pictures.observations import RESIZES
+        from labyrinth_core.pictures import RESIZES
 
         content = typed.read_as(_Config, content)
         network = _read(NetworkSpec, content["network"], "network")
         name, average = network.encoder, content["average"]
-        own = _read(OWN[name], content.get(name), name) if name in OWN else None
+        own = _read(_OWN[name], content.get(name), name) if name in _OWN else None
         if average and name == MAPPER:
             raise ValueError("average is True, but a mapper does not average over symmetries")
         if isinstance(own, PlannerSpec):
@@ -245,20 +255,20 @@ class _Config(TypedDict):
 Spec = TypeVar("Spec")
 
 
-def _read(cls: type[Spec], values: Any, place: str) -> Spec:
+def _read(cls: type[Spec], values: Any, name: str) -> Spec:
     """Return the values of a class whose fields `checked` declares."""
-    found: Spec = typed.read_as(cls, values, place)
+    read: Spec = typed.read_as(cls, values, name)
     for each in fields(cls):  # type: ignore[arg-type]
         least, most, one_of, _ = each.metadata["checks"]
-        value = getattr(found, each.name)
+        value = getattr(read, each.name)
         if one_of:
-            _require_one_of(f"{place}.{each.name}", value, one_of)
+            _require_one_of(f"{name}.{each.name}", value, one_of)
         elif least is not None and not least <= value <= most:
-            told = f"{place}.{each.name} is {value!r:.60}"
+            told = f"{name}.{each.name} is {value!r:.60}"
             raise ValueError(f"{told}, not a number from {least:g} to {most:g}")
-    return found
+    return read
 
 
-def _require_one_of(place: str, value: Any, allowed: Iterable[Any]) -> None:
+def _require_one_of(name: str, value: Any, allowed: Iterable[Any]) -> None:
     if value not in (known := [*allowed]):
-        raise ValueError(f"{place} is {value!r:.60}, not one of {', '.join(map(str, known))}")
+        raise ValueError(f"{name} is {value!r:.60}, not one of {', '.join(map(str, known))}")

@@ -1,9 +1,9 @@
-"""Transitions between numbered states, from a dataset's episodes and from rollouts."""
+"""Transitions between numbered states, from episodes and rollouts, and the states' observations."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -14,10 +14,45 @@ from labyrinth_core.data import Selection
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.networks.network import MOMENTUM, double
-from labyrinth_core.learning.observations import Observations, parts_of
+from labyrinth_core.pictures.looks import Looks
 
 SETTLED_BY = 256
 """The batch size of `settle`, on which the statistics depend."""
+
+
+class Observations:
+    """The observations of S states on a device, whether they are held or drawn when indexed."""
+
+    def __init__(self, observations: NDArray[Any] | Looks, device: torch.device | str) -> None:
+        """Hold the observations on the device if they are an array.
+
+        Args:
+            observations: The observations of `LabyrinthArrays`.
+            device: The device to compute on.
+        """
+        self.device = torch.device(device)
+        self._seen: Tensor | Looks = (
+            observations
+            if isinstance(observations, Looks)
+            else torch.as_tensor(observations, device=self.device)
+        )
+
+    def __len__(self) -> int:
+        """Return the number of states, S."""
+        return len(self._seen)
+
+    def __getitem__(self, states: NDArray[np.int64]) -> Tensor:
+        """Return the observations of B states as a new tensor, shape (B, ...)."""
+        if isinstance(self._seen, Looks):
+            return torch.as_tensor(self._seen[states], device=self.device)
+        # Indexing a tensor by [] is ten times slower.
+        return self._seen.index_select(0, torch.as_tensor(states, device=self.device))
+
+
+def parts_of(count: int, size: int) -> Iterator[NDArray[np.int64]]:
+    """Yield the numbers from 0 to `count` - 1 in order, `size` at a time."""
+    for begin in range(0, count, size):
+        yield np.arange(begin, min(begin + size, count))
 
 
 class Steps(NamedTuple):
@@ -60,15 +95,15 @@ def load_steps(selection: Selection, arrays: LabyrinthArrays) -> Steps:
         DatasetError: The split does not exist, or one of its labyrinths is not in `arrays`.
     """
     known = set(arrays.labyrinth_ids.tolist())
-    places, routes = [], []
+    beginnings, routes = [], []
     for episode in selection.iterate_episodes(observation="vector"):
         if episode.labyrinth_id not in known:
             raise DatasetError(
                 f"split={selection.split}: labyrinth {episode.labyrinth_id:016x} was not trained on"
             )
-        places.append(episode.beginning)
+        beginnings.append(episode.beginning)
         routes.append(episode.actions)
-    return steps_along(arrays, arrays.numbers_of(places), routes)
+    return steps_along(arrays, arrays.numbers_of(beginnings), routes)
 
 
 def steps_along(

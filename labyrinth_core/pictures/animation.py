@@ -18,6 +18,16 @@ END_SECONDS = 1.5
 Frame = NDArray[np.uint8]
 
 
+def animate(*episodes: Episode, image_size: int = 300) -> bytes:
+    """Return a GIF file that shows one or more episodes side by side, in an endless loop.
+
+    Raises:
+        ValueError: A labyrinth is too large for every wall to have a pixel.
+        ImportError: Pillow, which writes the file, is not installed.
+    """
+    return gif([beside(*(frames_of(episode, image_size) for episode in episodes))])
+
+
 def frames_of(episode: Episode, image_size: int = 300) -> list[Frame]:
     """Return the pictures of an episode's states, T + 1 of shape (image_size, image_size, 3).
 

@@ -27,10 +27,9 @@ from labyrinth_core.pictures.renderer import (
     KEY,
     OPEN_DOOR,
     START,
-    Colour,
-    Style,
     squares,
 )
+from labyrinth_core.pictures.style import Colour, Style
 from labyrinth_core.pictures.vector import hide
 from labyrinth_core.world import Task
 

@@ -26,8 +26,8 @@ from labyrinth_core.pictures.backdrops import (
     paste,
 )
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import Style, style_for
 from labyrinth_core.pictures.scenes import draw_states
+from labyrinth_core.pictures.style import Style, style_for
 from labyrinth_core.world import Look, Task
 
 LOOKS = tuple(Look)

@@ -15,17 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.language.drawing import describe
+from labyrinth_core.language import describe
 from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE, strips_of
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import DRAWN_BYTES, draw, draw_many
+from labyrinth_core.pictures.style import style_for
 from labyrinth_core.pictures.vector import (
-    GONE,
-    WALL,
+    VectorLayout,
     vector_observation,
     vector_observations,
 )
-from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, Look, State, Task
 
 Numbers = NDArray[np.int64]
 
@@ -38,24 +38,13 @@ class Kind(NamedTuple):
     of_many: Callable[[Labyrinths, Numbers, Numbers], NDArray[Any]] | None = None
     """Returns the same for N states, faster, given labyrinths, the index of each state's labyrinth
     and the index of each state; None makes them one by one."""
-    bounds: Callable[[int, int, Task], tuple[NDArray[Any], NDArray[Any]]] | None = None
-    """Returns the least and the greatest value of each entry, given height, width and task; None if
-    environments do not offer this kind."""
-
-
-def _vector_bounds(
-    height: int, width: int, task: Task
-) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    entries, tiles = (2 * height - 1) * (2 * width - 1), task.rules.positions
-    high = np.full(tiles + entries, WALL + len(task.rules.grounds), np.int32)
-    high[:tiles] = entries - 1
-    low = np.zeros_like(high)
-    low[3:tiles] = GONE
-    return low, high
+    bounds: Callable[[VectorLayout], tuple[NDArray[Any], NDArray[Any]]] | None = None
+    """Returns the least and the greatest value of each entry; None if environments do not offer
+    this kind."""
 
 
 KINDS = {
-    "vector": Kind(vector_observation, vector_observations, _vector_bounds),
+    "vector": Kind(vector_observation, vector_observations, VectorLayout.bounds),
     "text": Kind(describe),
 }
 """Name -> kind. Pictures, which also depend on options, are drawn by `scenes`."""
@@ -108,6 +97,26 @@ class ObservationSpec:
         object.__setattr__(self, "image_size", size)
         if self.resize not in RESIZES:
             raise ValueError(f"resize={self.resize}: choose one of {', '.join(RESIZES)}")
+
+    def bounds(self, height: int, width: int, task: Task) -> tuple[NDArray[Any], NDArray[Any]]:
+        """Return the least and the greatest value of each entry, if `is_bounded`."""
+        if self.observation == "image":
+            shape = self.image_size, self.image_size, 3
+            return np.zeros(shape, np.uint8), np.full(shape, 255, np.uint8)
+        bounds = KINDS[self.observation].bounds
+        assert bounds is not None
+        return bounds(VectorLayout(height, width, task))
+
+    @property
+    def is_bounded(self) -> bool:
+        """Whether the observation is an array with bounds, as environments need."""
+        return self.observation == "image" or KINDS[self.observation].bounds is not None
+
+    @property
+    def key(self) -> tuple[Any, ...]:
+        """What determines the pixels of a picture, besides its size, the state and `obs`."""
+        styles = () if self.decodes else tuple(style_for(look, 5, 5) for look in Look)
+        return self.draw, self.resize, PICTURES_VERSION, *styles
 
     @property
     def decodes(self) -> bool:

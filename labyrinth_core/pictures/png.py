@@ -282,6 +282,11 @@ class PictureDigest:
         self._powers = _powers(tuple(height for _, height in sums_and_heights))
         self._sum: int = sum(map(mul, self._sums, self._powers))
 
+    @classmethod
+    def of(cls, picture: NDArray[np.uint8]) -> bytes:
+        """Return the digest of a picture, shape (rows, columns, 3)."""
+        return cls(strips_in(picture)).digest({})
+
     def digest(self, changes: Mapping[int, Strip]) -> bytes:
         """Return the digest with strips exchanged: index from the top -> strip of that height."""
         total = self._sum

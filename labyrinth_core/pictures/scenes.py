@@ -24,7 +24,8 @@ from labyrinth_core.pictures.backdrops import (
     memory_of_scene,
 )
 from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import Painter, Style, style_for
+from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures.style import Style, style_for
 from labyrinth_core.pictures.vector import (
     grid_indices,
     initial_vector,

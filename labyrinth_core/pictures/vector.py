@@ -8,6 +8,7 @@ cells meet at odd rows and columns. The outer walls are left out.
 from __future__ import annotations
 
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,76 @@ def grid_indices(height: int, width: int) -> VectorArray:
     """Return the index of each cell in the flattened wall grid, shape (cells,)."""
     grid = np.arange((2 * height - 1) * (2 * width - 1), dtype=np.int32)
     return grid.reshape(2 * height - 1, 2 * width - 1)[::2, ::2].flatten()
+
+
+class VectorLayout(NamedTuple):
+    """Where the vectors of labyrinths of one size and task say what."""
+
+    height: int
+    width: int
+    task: Task
+
+    @property
+    def length(self) -> int:
+        """The number of entries of a vector."""
+        return self.task.rules.positions + (2 * self.height - 1) * (2 * self.width - 1)
+
+    @property
+    def cells(self) -> VectorArray:
+        """The index of each cell in the flattened wall grid, as in `grid_indices`."""
+        return grid_indices(self.height, self.width)
+
+    def bounds(self) -> tuple[VectorArray, VectorArray]:
+        """Return the least and the greatest value of each entry."""
+        tiles = self.task.rules.positions
+        high = np.full(self.length, WALL + len(self.task.rules.grounds), np.int32)
+        high[:tiles] = self.length - tiles - 1
+        low = np.zeros_like(high)
+        low[3:tiles] = GONE
+        return low, high
+
+    def walls(self, vectors: VectorArray) -> NDArray[np.bool_]:
+        """Return which entries of the wall grids of N vectors are walls, shape (N, entries)."""
+        walls: NDArray[np.bool_] = vectors[:, self.task.rules.positions :] == WALL
+        return walls
+
+    def initial(self, labyrinth: Labyrinth) -> VectorArray:
+        """Return the vector of a labyrinth's initial state with nothing hidden; read-only."""
+        return initial_vector(labyrinth)
+
+    def initial_of(self, structures: Structures, ends: tuple[int, int]) -> VectorArray:
+        """Return these vectors of n labyrinths without tiles, shape (n, length).
+
+        Args:
+            structures: Their structures.
+            ends: The start and the goal of all of them.
+        """
+        return initial_vectors(structures, np.tile(ends, (len(structures), 1)))
+
+    def show(
+        self,
+        vectors: VectorArray,
+        states: NDArray[np.int64],
+        visible: NDArray[np.bool_] | None,
+    ) -> None:
+        """Turn vectors of initial states into vectors of other states, in place.
+
+        Args:
+            vectors: The vector of each labyrinth's initial state, shape (N, length).
+            states: The index of each state, shape (N,).
+            visible: Which cells are visible, shape (N, height, width); None for all.
+        """
+        phase, cells = np.divmod(states, self.height * self.width)
+        vectors[:, 0] = self.cells[cells]
+        if self.task.rules.phases > 1:
+            vectors[:, 3][phase >= 1] = GONE
+            vectors[:, 4][phase == 2] = GONE
+        if visible is not None:
+            grids = vectors[:, self.task.rules.positions :]
+            # A view: splitting an axis copies nothing.
+            hide(grids.reshape(len(vectors), 2 * self.height - 1, 2 * self.width - 1), visible)
+            for tile in (1, 2):
+                np.put_along_axis(grids, vectors[:, tile, None], OPEN, axis=1)
 
 
 def hide(grids: VectorArray, visible: NDArray[np.bool_]) -> None:
@@ -128,39 +199,8 @@ def vector_observations(
     if labyrinths.task.rules.hides:
         visible = seen_by(labyrinths.take(which), states)
     height, width = labyrinths.structures.height, labyrinths.structures.width
-    show_states(vectors, height, width, labyrinths.task, states, visible)
+    VectorLayout(height, width, labyrinths.task).show(vectors, states, visible)
     return vectors
-
-
-def show_states(
-    vectors: VectorArray,
-    height: int,
-    width: int,
-    task: Task,
-    states: NDArray[np.int64],
-    visible: NDArray[np.bool_] | None,
-) -> None:
-    """Turn vectors of initial states into vectors of other states, in place.
-
-    Args:
-        vectors: The `initial_vector` of each labyrinth, shape (N, length).
-        height: Their rows of cells.
-        width: Their columns of cells.
-        task: Their task.
-        states: The index of each state, shape (N,).
-        visible: Which cells are visible, shape (N, height, width); None for all.
-    """
-    phase, cells = np.divmod(states, height * width)
-    vectors[:, 0] = grid_indices(height, width)[cells]
-    if task.rules.phases > 1:
-        vectors[:, 3][phase >= 1] = GONE
-        vectors[:, 4][phase == 2] = GONE
-    if visible is not None:
-        grids = vectors[:, task.rules.positions :]
-        # A view: splitting an axis copies nothing.
-        hide(grids.reshape(len(vectors), 2 * height - 1, 2 * width - 1), visible)
-        for tile in (1, 2):
-            np.put_along_axis(grids, vectors[:, tile, None], OPEN, axis=1)
 
 
 def seen_by(labyrinths: Labyrinths, agents: NDArray[np.int64]) -> NDArray[np.bool_]:

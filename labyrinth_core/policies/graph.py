@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.policies import graph_process
 from labyrinth_core.policies.graph_process import ANSWERED, ASKED, TYPES
 from labyrinth_core.world import Action
@@ -63,7 +63,8 @@ class GraphPolicy:
         if find_spec("onnxruntime") is None:
             needed = "pip install 'labyrinth-datasets[onnx]'"
             raise DatasetError(f"{named}: an ONNX graph needs onnxruntime: {needed}")
-        command = [sys.executable, "-m", graph_process.__name__, str(os.getpid())]
+        # As a file, so that the process imports no package of ours.
+        command = [sys.executable, "-P", graph_process.__file__, str(os.getpid())]
         self._named = named
         self._process = subprocess.Popen(
             command,

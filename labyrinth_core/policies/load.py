@@ -1,32 +1,188 @@
-"""`load_policy` loads a policy for `evaluate` from a folder or the Hub.
+"""The files of a policy in a folder or on the Hub: `load_policy`, and the record of its run.
 
-It reads two files of data: `config.json`, in which every value is checked, and weights in the
-safetensors format, which holds no code; in the folder of a run also its record. Nothing else is
-downloaded, and no code is executed.
+A policy has two files of data: `config.json`, in which every value is checked, and weights in the
+safetensors format, which holds no code. The folder of a run also has its record, `run.json`.
+Nothing else is downloaded, and no code is executed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import json
+import platform
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, fields
+from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, TypedDict
 
-from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS, PolicySpec
-from labyrinth_core.policies.record import SUMS, listed, read_run, trained_run
-from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core import typed
+from labyrinth_core.data import DatasetConfig
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.evaluation import PolicyError, TrainedRun, Training
+from labyrinth_core.learning import PolicySpec
 from labyrinth_core.storage import File
+from labyrinth_core.version import __version__
 
 if TYPE_CHECKING:
-    import torch
+    from torch import Tensor
 
-    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy
+    from labyrinth_core.learning import TrainedPolicy
 
-PUBLISHED = {CONFIG: 1 << 16, WEIGHTS: 1 << 28}
+RECORD_FORMAT = 2
+SUMS = "SHA256SUMS"
+"""The list of the hashes of a folder's files, in the format of `sha256sum`."""
+
+
+class MadeBy(TypedDict):
+    """What determines the weights of a run; a method in Python has its `code`, too."""
+
+    method: Annotated[str, typed.Like(r"\w[\w.:-]*")]
+    encoder: typed.Word
+    observation: Literal["image", "vector"]
+    protocol: typed.Word
+    train_labyrinths: typed.Learnt
+    seed: typed.Seed
+    settings: Mapping[typed.Word, Any]
+    config: Annotated[str, typed.Like(DatasetConfig.NAME.pattern)]
+    dataset: str
+    revision: str | None
+    fingerprint: typed.Sha256
+
+
+class Content(Training):
+    """The content of `run.json`."""
+
+    format: Literal[2]
+    run: MadeBy
+    history: list[Mapping[str, Any]]
+    """The metrics of each epoch."""
+    files: Mapping[typed.Word, typed.Sha256]
+    """Name -> SHA-256 of the other files, among them the weights."""
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """The record of a finished run."""
+
+    FILE: ClassVar[str] = "run.json"
+
+    content: Content
+
+    @classmethod
+    def read(cls, folder: Path) -> RunRecord | None:
+        """Return the record in a folder, or None if the folder holds no finished run.
+
+        The file is compared with its hash in the folder's `SHA256SUMS`, if that lists it, and the
+        policy's files with theirs in the record.
+
+        Raises:
+            DatasetError: One of these files is damaged, or `run.json` has another form.
+        """
+        path = folder / cls.FILE
+        again = "stages=train overwrite=true makes it again"
+        try:
+            expected = listed(folder / SUMS, cls.FILE)
+            if expected and File(path).sha256() not in expected:
+                told = f"{path} is damaged: its sha256 is not the one in SHA256SUMS"
+                raise DatasetError(f"{told}; {again}")
+            content: Content = typed.read_as(Content, File(path).read_json())
+            rows, selected = content["history"], content["selected"]
+            if len(rows) != content["epochs"] or selected not in rows:
+                told = f"{len(rows)} in its history, of which epoch {selected['epoch']} is selected"
+                raise ValueError(f"it has {content['epochs']} epochs, but {told}")
+        except (FileNotFoundError, NotADirectoryError):
+            return None
+        except (OSError, ValueError, RecursionError) as error:
+            raise DatasetError(f"{path} cannot be read: {one_line(error):.300}; {again}") from error
+        for name in (PolicySpec.WEIGHTS, PolicySpec.FILE):
+            if name in content["files"] or name == PolicySpec.WEIGHTS:
+                try:
+                    actual = File(folder / name).sha256()
+                except FileNotFoundError as error:
+                    told = f"{folder / name} does not exist: stages=train makes it"
+                    raise DatasetError(told) from error
+                if actual != content["files"].get(name):
+                    told = f"{folder / name} is damaged: its sha256 is not the one in {cls.FILE}"
+                    raise DatasetError(f"{told}; {again}")
+        return cls(content)
+
+    @staticmethod
+    def write(
+        folder: Path,
+        run: Mapping[str, Any],
+        history: Sequence[Mapping[str, Any]],
+        selected: Mapping[str, Any] | None,
+        seconds: float,
+        computed: Mapping[str, Any],
+        files: Sequence[str],
+    ) -> None:
+        """Write the record of a run into its folder.
+
+        Args:
+            folder: The folder, with the other files.
+            run: What determines the weights: method, settings, seed, dataset, ...
+            history: The metrics of each epoch.
+            selected: Those of the epoch whose policy was kept.
+            seconds: The training time.
+            computed: The device and the number of threads.
+            files: The names of the other files.
+        """
+        content = {
+            "format": RECORD_FORMAT,
+            "run": run,
+            "computed": {**computed, "versions": training_versions()},
+            "seconds": round(seconds, 3),
+            "epochs": len(history),
+            "selected": selected,
+            "history": history,
+            "files": {name: File(folder / name).sha256() for name in files},
+        }
+        File(folder / RunRecord.FILE).write_text(json.dumps(content, indent=1) + "\n")
+
+    def trained_run(self, device: str = "cpu") -> TrainedRun:
+        """Return the run as results describe it; its policy runs on `device`."""
+        made = self.content["run"]
+        shared = {each.name for each in fields(TrainedRun)} & made.keys() - {"method"}
+        return TrainedRun(
+            method=TrainedRun.title_of(made["method"]),
+            **{name: made[name] for name in shared},  # type: ignore[literal-required]
+            training={
+                "epochs": self.content["epochs"],
+                "seconds": self.content["seconds"],
+                "selected": self.content["selected"],
+                "computed": self.content["computed"],
+            },
+            evaluated={
+                "device": device,
+                "versions": training_versions(),
+                "weights": self.content["files"][PolicySpec.WEIGHTS],
+            },
+        )
+
+
+def training_versions() -> dict[str, str]:
+    """Return the versions of this package, of Python, and of the libraries that affect weights."""
+    libraries = {name: version(name) for name in ("numpy", "safetensors", "torch")}
+    return {"labyrinth-datasets": __version__, "python": platform.python_version()} | libraries
+
+
+def listed(sums: Path, name: str) -> list[str]:
+    """Return the hashes of a file in a list of hashes, which need not exist."""
+    try:
+        text = sums.read_text(encoding="utf-8", errors="replace")
+    except FileNotFoundError:
+        return []
+    return re.findall(rf"^([0-9a-f]{{64}})  {re.escape(name)}$", text, re.MULTILINE)
+
+
+GRAPH = "model.onnx"
+"""The only file of an ONNX policy, which `load_policy` does not read."""
+
+PUBLISHED = {PolicySpec.FILE: 1 << 16, PolicySpec.WEIGHTS: 1 << 28}
 MOST_BYTES: Mapping[str, int] = {
     **PUBLISHED,
-    RECORD: 1 << 26,
+    RunRecord.FILE: 1 << 26,
     GRAPH: 1 << 28,
     SUMS: 1 << 20,
 }
@@ -36,7 +192,7 @@ _UNREADABLE = (OSError, ValueError, RecursionError)
 """Exceptions for a file that cannot be read or has invalid content."""
 
 
-def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPolicy | LoadedMapper:
+def load_policy(source: str | Path, *, revision: str | None = None) -> TrainedPolicy:
     """Return a published or trained policy, ready for `evaluate`.
 
     It is a function from B observations to the scores of the four actions, shape (B, 4). A mapper
@@ -62,11 +218,19 @@ def load_policy(source: str | Path, *, revision: str | None = None) -> LoadedPol
         raise DatasetError(
             f"{source}: a policy needs torch: pip install 'labyrinth-datasets[train]'"
         ) from error
+    from labyrinth_core.learning import TrainedPolicy
+
     folder = located(source, revision)
-    record = read_run(folder)  # It compares the files with their hashes in the record.
-    policy = _with_weights(_read_spec(folder / CONFIG), folder / WEIGHTS)
-    if record is not None and ":" not in record["run"]["method"]:
-        policy.run = trained_run(record)
+    record = RunRecord.read(folder)  # It compares the files with their hashes in the record.
+    spec, weights = _read_spec(folder), _read_weights(folder / PolicySpec.WEIGHTS)
+    try:
+        policy = TrainedPolicy.of(spec, weights)
+    except PolicyError as error:
+        raise DatasetError(
+            f"{folder / PolicySpec.WEIGHTS} is of another network: {error}"
+        ) from error
+    if record is not None and ":" not in record.content["run"]["method"]:
+        policy.run = record.trained_run()
     return policy
 
 
@@ -116,67 +280,50 @@ def _require_listed(folder: Path, names: Iterable[str]) -> None:
             raise DatasetError(f"{told}; download or train it again")
 
 
-def check_size(place: object, name: str, size: int) -> None:
+def check_size(path: object, name: str, size: int) -> None:
     """Raise DatasetError if a file of a policy, such as `config.json`, is too large."""
     if size > MOST_BYTES[name]:
-        raise DatasetError(f"{place} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
+        raise DatasetError(f"{path} has {size:,} bytes, more than {MOST_BYTES[name]:,}")
 
 
-def _read_spec(path: Path) -> PolicySpec:
+def _read_spec(folder: Path) -> PolicySpec:
+    path = folder / PolicySpec.FILE
     try:
-        check_size(path, CONFIG, path.stat().st_size)
+        check_size(path, path.name, path.stat().st_size)
         return PolicySpec.from_json(File(path).read_json())
     except FileNotFoundError as error:
-        reason = f"the folder holds neither a published policy nor a run ({RECORD})"
+        reason = f"the folder holds neither a published policy nor a run ({RunRecord.FILE})"
         raise DatasetError(f"{path} does not exist: {reason}") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} describes no policy: {one_line(error):.300}") from error
 
 
-def _read_weights(path: Path) -> tuple[dict[str, torch.Tensor], dict[str, str]]:
-    """Return the tensors and the texts in a file of weights."""
+def _read_weights(path: Path) -> dict[str, Tensor]:
     try:
         check_size(path, path.name, path.stat().st_size)
-        return read_tensors(path)
+        return read_tensors(path)[0]
     except FileNotFoundError as error:
         raise DatasetError(f"{path} does not exist: the folder holds no policy") from error
     except _UNREADABLE as error:
         raise DatasetError(f"{path} holds no weights: {one_line(error):.300}") from error
 
 
-def _with_weights(spec: PolicySpec, path: Path) -> LoadedPolicy | LoadedMapper:
-    """Return the policy with its weights, after checking their names, shapes and dtypes."""
-    import torch
+def read_tensors(path: Path) -> tuple[dict[str, Tensor], dict[str, str]]:
+    """Return the tensors in a file, on the CPU, and the texts in its header.
 
-    from labyrinth_core.learning.networks.acting import LoadedMapper, LoadedPolicy, make_network
-    from labyrinth_core.learning.networks.mapping import Mapper
-    from labyrinth_core.learning.networks.network import usual_defaults
+    The file is read, not mapped into memory, which some network file systems do not support.
 
-    def make() -> torch.nn.Module:
-        return make_network(spec.network, average=spec.average, own=spec.own)
+    Raises:
+        OSError: The file does not exist, or cannot be read.
+        ValueError: The file has another format.
+    """
+    from safetensors import SafetensorError
+    from safetensors.torch import load
 
-    # On this device no memory is allocated: a file could ask for any amount.
-    with usual_defaults(), torch.device("meta"):
-        expected = {name: (each.shape, each.dtype) for name, each in make().state_dict().items()}
-    tensors, _ = _read_weights(path)
-    for name in sorted(expected.keys() | tensors.keys()):
-        tensor = tensors.get(name)
-        found = None if tensor is None else (tensor.shape, tensor.dtype)
-        if found != expected.get(name):
-            is_, should_be = map(_described, (found, expected.get(name)))
-            told = f"{printable_line(name):.200} is {is_}, not {should_be}"
-            raise DatasetError(f"{path} is of another network: {told}")
-    with usual_defaults():
-        network = make()
-    network.load_state_dict(tensors)
-    network.eval()
-    if isinstance(network, Mapper):
-        return LoadedMapper(network, spec)
-    return LoadedPolicy(network, spec)
-
-
-def _described(tensor: Any) -> str:
-    if tensor is None:
-        return "absent"
-    shape, dtype = tensor
-    return f"{str(dtype).removeprefix('torch.')} of shape {tuple(shape)}"
+    content = path.read_bytes()
+    try:
+        tensors = load(content)
+        header = json.loads(content[8 : 8 + int.from_bytes(content[:8], "little")])
+    except (SafetensorError, RuntimeError, *MALFORMED) as error:
+        raise ValueError(one_line(error)) from error
+    return tensors, header.get("__metadata__") or {}

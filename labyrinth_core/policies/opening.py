@@ -10,19 +10,25 @@ import inspect
 import re
 import sys
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Origin, PolicyError
-from labyrinth_core.learning.spec import CONFIG, GRAPH, RECORD, WEIGHTS
-from labyrinth_core.policies.load import check_size, downloaded, load_policy
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies.load import (
+    GRAPH,
+    MOST_BYTES,
+    RunRecord,
+    check_size,
+    downloaded,
+    load_policy,
+)
 from labyrinth_core.storage import File
 
-_KINDS = ((WEIGHTS, CONFIG), (GRAPH,))
+_KINDS = ((PolicySpec.WEIGHTS, PolicySpec.FILE), (GRAPH,))
 """The files of each kind of policy, the weights first."""
 
 _MODULE = re.compile(r"[\w.]+:[\w.]+")
@@ -55,13 +61,38 @@ class PolicyFiles:
                 raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
         return Origin(source=self.source, commit=self.commit, files=hashes)
 
+    @property
+    def is_graph(self) -> bool:
+        """Whether the policy is an ONNX graph, not a network of the library."""
+        return GRAPH in self.paths
+
+    def copied(self, folder: Path) -> PolicyFiles:
+        """Copy the files into a folder, so that the bytes to hash are the bytes to open.
+
+        Raises:
+            DatasetError: A file is too large, cannot be read, or is not a regular file.
+        """
+        for name, path in self.paths.items():
+            try:
+                size = path.stat().st_size
+                if not path.is_file():
+                    raise DatasetError(f"{path} is not a regular file")
+                check_size(path, name, size)
+                with path.open("rb") as file:
+                    content = file.read(MOST_BYTES[name] + 1)
+                check_size(path, name, len(content))  # It may have grown since.
+                (folder / name).write_bytes(content)
+            except OSError as error:
+                raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
+        return replace(self, paths={name: folder / name for name in self.paths})
+
     def open(self, named: str) -> Any:
         """Return the policy in the files, which messages call by a name.
 
         Raises:
             DatasetError, PolicyError: As for `open_policy`.
         """
-        if GRAPH not in self.paths:
+        if not self.is_graph:
             return load_policy(next(iter(self.paths.values())).parent)
         from labyrinth_core.policies.graph import GraphPolicy
 
@@ -106,8 +137,8 @@ is a class or a function without required arguments |
         if not code or revision is not None:
             told = "has no revision" if code else "is not executed"
             raise PolicyNameError(f"{name}: a policy in Python {told}")
-        found = imported(name, lambda module: PolicyError.calling(import_module, module))
-        return PolicyError.calling(found) if _makes_one(found) else found
+        policy = imported(name, lambda module: PolicyError.calling(import_module, module))
+        return PolicyError.calling(policy) if _makes_one(policy) else policy
     files = files_of(source, revision)
     origin = files.origin()
     policy = files.open(name)
@@ -129,21 +160,21 @@ def files_of(
         PolicyNameError, DatasetError: As for `open_policy`.
     """
     name, _, pinned = str(source).partition("@")
-    place = Path(source).expanduser()
-    if place.exists():  # A folder may have an @ in its name.
+    path = Path(source).expanduser()
+    if path.exists():  # A folder may have an @ in its name.
         name, pinned = str(source), ""
     revision = revision or pinned or None
-    place = Path(name).expanduser()
-    if on_hub or not place.exists():
+    path = Path(name).expanduser()
+    if on_hub or not path.exists():
         return _on_hub(name, revision)
     if revision is not None and not _SHA256.fullmatch(revision):
-        told = f"{name} is a {'folder' if place.is_dir() else 'file'}, which has no revisions"
+        told = f"{name} is a {'folder' if path.is_dir() else 'file'}, which has no revisions"
         raise PolicyNameError(f"{told}: @ and the SHA-256 of its weights pin it")
-    files = PolicyFiles(name, None, _in_folder(place))
+    files = PolicyFiles(name, None, _in_folder(path))
     weights, path = next(iter(files.paths.items()))
-    if revision is not None and (found := File(path).sha256()) != revision:
+    if revision is not None and (sha256 := File(path).sha256()) != revision:
         raise DatasetError(
-            f"{name}: {weights} differs from the named revision: it is {found:.16}, "
+            f"{name}: {weights} differs from the named revision: it is {sha256:.16}, "
             f"not {revision:.16}"
         )
     return files
@@ -164,31 +195,31 @@ def _on_hub(source: str, revision: str | None) -> PolicyFiles:
     raise _no_policy(source)
 
 
-def _in_folder(place: Path) -> dict[str, Path]:
+def _in_folder(path: Path) -> dict[str, Path]:
     """Return the files of a policy by name: those in a folder, or a single ONNX graph."""
-    if place.is_dir():
-        held = {path.name for path in place.iterdir()}
-        if RECORD in held and not held.intersection((WEIGHTS, GRAPH)):
-            read_run(place)  # It says what to do with a run of an earlier version.
-        return {name: place / name for name in _kind(str(place), held)}
-    if place.suffix != ".onnx":
+    if path.is_dir():
+        held = {path.name for path in path.iterdir()}
+        if RunRecord.FILE in held and not held.intersection((PolicySpec.WEIGHTS, GRAPH)):
+            RunRecord.read(path)  # It says what to do with a run of an earlier version.
+        return {name: path / name for name in _kind(str(path), held)}
+    if path.suffix != ".onnx":
         raise DatasetError(
-            f"{place} is neither a folder nor an ONNX graph, such as {GRAPH}: a policy in Python "
+            f"{path} is neither a folder nor an ONNX graph, such as {GRAPH}: a policy in Python "
             "is module:name"
         )
-    return {GRAPH: place}
+    return {GRAPH: path}
 
 
-def _kind(place: str, held: set[str]) -> tuple[str, ...]:
+def _kind(source: str, held: set[str]) -> tuple[str, ...]:
     for names in _KINDS:
         if held >= set(names):
             return names
-    raise _no_policy(place)
+    raise _no_policy(source)
 
 
-def _no_policy(place: str) -> DatasetError:
+def _no_policy(source: str) -> DatasetError:
     kinds = "; ".join(" and ".join(names) for names in _KINDS)
-    return DatasetError(f"{place} holds no policy: give {kinds}")
+    return DatasetError(f"{source} holds no policy: give {kinds}")
 
 
 def imported(name: str, load: Callable[[str], Any] = import_module) -> Any:
@@ -206,7 +237,7 @@ def imported(name: str, load: Callable[[str], Any] = import_module) -> Any:
     if here not in sys.path:  # As `python -m` does; an installed command has its own folder there.
         sys.path.insert(0, here)
     try:
-        found = load(module)
+        value = load(module)
     except (ModuleNotFoundError, PolicyError) as error:
         cause = error.__cause__ or error
         missing = isinstance(cause, ModuleNotFoundError) and cause.name
@@ -215,19 +246,19 @@ def imported(name: str, load: Callable[[str], Any] = import_module) -> Any:
         reason = f"there is no module {missing}, neither in {here} nor installed"
         raise PolicyNameError(reason) from error
     for part in attribute.split("."):
-        if not hasattr(found, part):
-            known = ", ".join(each for each in vars(found) if not each.startswith("_"))
+        if not hasattr(value, part):
+            known = ", ".join(each for each in vars(value) if not each.startswith("_"))
             raise PolicyNameError(f"there is no {part}, only [{known}]")
-        found = getattr(found, part)
-    return found
+        value = getattr(value, part)
+    return value
 
 
-def _makes_one(found: Any) -> bool:
+def _makes_one(value: Any) -> bool:
     """Return whether an object is a class or a function without arguments that makes a policy."""
-    if inspect.isclass(found):
+    if inspect.isclass(value):
         return True
-    if not inspect.isroutine(found):
+    if not inspect.isroutine(value):
         return False
-    parameters = inspect.signature(found).parameters.values()
+    parameters = inspect.signature(value).parameters.values()
     variable = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
     return not any(each.default is each.empty and each.kind not in variable for each in parameters)

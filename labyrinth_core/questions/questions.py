@@ -11,10 +11,8 @@ from collections.abc import Mapping
 from typing import Any
 
 from labyrinth_core.data import Columns
-from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, encode, strips_in
-from labyrinth_core.pictures.renderer import COLOURS_IN_WORDS, Painter
+from labyrinth_core.language import draw_text, dump, labyrinth_id, parse
+from labyrinth_core.pictures import COLOURS_IN_WORDS, PICTURE_SIZE, Painter
 from labyrinth_core.world import TILES, Action, Labyrinth, Solver
 
 SMALL_PICTURE = 300
@@ -91,7 +89,7 @@ def question(labyrinth: Labyrinth | str) -> dict[str, Any]:
     routes = [" ".join(words[move] for move in route) for route in solver.shortest_routes()]
     state, painter = labyrinth.initial, Painter(labyrinth)
     large, drawing = painter.png(state), draw_text(labyrinth, state)
-    small = encode(strips_in(painter.array(state, SMALL_PICTURE)), SMALL_PICTURE)
+    small = painter.png(state, SMALL_PICTURE)
     return {
         "labyrinth_id": name,
         "image": {"bytes": large, "path": f"{name}-{PICTURE_SIZE}.png"},

@@ -9,7 +9,7 @@ import re
 from bisect import bisect
 from dataclasses import dataclass
 
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.world import Action, Labyrinth, Solver, State
 
 _MARK = re.compile(r"answer[\s*_]{0,9}:", re.IGNORECASE)

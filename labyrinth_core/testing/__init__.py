@@ -27,7 +27,7 @@ def check_method(
     width: int = 3,
     task: str = Task.NAVIGATION,
 ) -> None:
-    """Check that a method of learning keeps its promises; see `learning.contract`.
+    """Check that a method of learning keeps its promises; see `methods`.
 
     Args:
         method: The class, which inherits from `Learner`.
@@ -39,6 +39,6 @@ def check_method(
     Raises:
         AssertionError: A promise is broken; the message says which.
     """
-    from labyrinth_core.learning.contract import check_method as check
+    from labyrinth_core.testing.methods import check_method as check
 
     check(method, settings, height, width, Task(task))

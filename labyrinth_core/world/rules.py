@@ -23,7 +23,7 @@ class Tile(NamedTuple):
     """A kind of cell that a task adds to a labyrinth."""
 
     name: str
-    """Its field of `Labyrinth`, its colour in `pictures.renderer.Style`, and its column in the
+    """Its field of `Labyrinth`, its colour in `pictures.style.Style`, and its column in the
     report."""
     letter: str
     """How the text language draws it."""

@@ -244,6 +244,10 @@ class Structure:
                 seen.add(at)
         return frozenset(seen)
 
+    def free(self) -> None:
+        """Free the memory of `moves`, 2 KB at 5x5; they are computed again when asked for."""
+        vars(self).pop("moves", None)
+
     @cached_property
     def structure_id(self) -> str:
         """The structure's hash, 16 hexadecimal digits that fit an int64; stable across machines."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,7 @@ MAX_DRAWS = 10_000
 def _place_key_and_door(
     plain: Labyrinth, rng: np.random.Generator, key: int | None = None, door: int | None = None
 ) -> dict[str, Any]:
-    doors, found = _unavoidable(plain)
+    doors, reached_from = _unavoidable(plain)
     if door is not None:
         doors = {door: doors[door]} if door in doors else {}
     if not doors:
@@ -36,17 +37,17 @@ def _place_key_and_door(
     shortest = from_goal[plain.start]
     keys = [
         cell
-        for cell in found
+        for cell in reached_from
         if from_start[cell] + from_goal[cell] > shortest and key in (None, cell)
     ]
-    first = min((found[cell] for cell in keys), default=plain.structure.cells)
-    doors = {cell: place for cell, place in doors.items() if place > first}
+    first = min((reached_from[cell] for cell in keys), default=plain.structure.cells)
+    doors = {cell: step for cell, step in doors.items() if step > first}
     if not doors and key is not None:
         raise LabyrinthError("no place for the door that fits the key", key)
     if not doors:
         raise LabyrinthError("no place for the key: no cell before the door is a detour")
     door = list(doors)[rng.integers(len(doors))]
-    keys = [cell for cell in keys if found[cell] < doors[door]]
+    keys = [cell for cell in keys if reached_from[cell] < doors[door]]
     return {"key": keys[rng.integers(len(keys))], "door": door}
 
 
@@ -63,25 +64,24 @@ def _unavoidable(plain: Labyrinth) -> tuple[dict[int, int], dict[int, int]]:
     """
     moves, distance = plain.structure.moves, plain.cell_distances
     unavoidable: dict[int, int] = {}
-    found: dict[int, int] = {}
+    reached_from: dict[int, int] = {}
     route = [plain.start]
     while route[-1] != plain.goal:
         route.append(next(c for c in moves[route[-1]] if distance[c] == distance[route[-1]] - 1))
-    place_on_route = {cell: place for place, cell in enumerate(route)}
+    step_of = {cell: step for step, cell in enumerate(route)}
     farthest = 0
-    for place, cell in enumerate(route[:-1]):
-        if place and place == farthest:
-            unavoidable[cell] = place
+    for step, cell in enumerate(route[:-1]):
+        if step and step == farthest:
+            unavoidable[cell] = step
         stack = [cell]
         while stack:
             for beside in moves[stack.pop()]:
-                on_route = place_on_route.get(beside)
-                if on_route is not None:
-                    farthest = max(farthest, on_route)
-                elif beside not in found:
-                    found[beside] = place
+                if beside in step_of:
+                    farthest = max(farthest, step_of[beside])
+                elif beside not in reached_from:
+                    reached_from[beside] = step
                     stack.append(beside)
-    return unavoidable, found
+    return unavoidable, reached_from
 
 
 def _place_ice(plain: Labyrinth, rng: np.random.Generator) -> dict[str, Any]:
@@ -110,34 +110,43 @@ def _distances_when_longer(plain: Labyrinth, rng: np.random.Generator) -> Sequen
     """
     structure, start, goal = plain.structure, plain.start, plain.goal
     distance, shortest = plain.cell_distances, plain.cell_distances[start]
-    searches = max(20, ICE_SEARCH // structure.cells)
-    closed: list[int] = []
-    choices: list[list[int]] = []
-    open_for_good: list[set[int]] = [{start, goal}]
-    while searches:
-        if closed:
-            distance = structure.distances(goal, closed)
-        searches -= 1
+    cuts: list[_Cut] = []
+    for _ in range(max(20, ICE_SEARCH // structure.cells)):
+        if cuts:
+            distance = structure.distances(goal, [cut.closed for cut in cuts])
         if distance[start] > shortest:
             return distance
         if distance[start] == UNREACHABLE:
-            open_for_good[-1].add(closed.pop())
+            cuts[-1].open_for_good.add(cuts[-1].closed)
         else:
             route = _shortest_route(structure, start, distance, rng)
-            choices.append([route[place] for place in rng.permutation(len(route))])
-            open_for_good.append(set(open_for_good[-1]))
-        while choices and open_for_good[-1].issuperset(choices[-1]):
-            choices.pop()
-            open_for_good.pop()
-            if closed:
-                open_for_good[-1].add(closed.pop())
-        if not choices:
+            cells = [route[step] for step in rng.permutation(len(route))]
+            cuts.append(_Cut(cells, {*(cuts[-1].open_for_good if cuts else (start, goal))}))
+        while cuts and cuts[-1].open_for_good.issuperset(cuts[-1].cells):
+            cuts.pop()
+            if cuts:
+                cuts[-1].open_for_good.add(cuts[-1].closed)
+        if not cuts:
             raise LabyrinthError("no place for ice: blocking the shortest routes leaves no detour")
-        cell = choices[-1].pop()
-        while cell in open_for_good[-1]:
-            cell = choices[-1].pop()
-        closed.append(cell)
+        cuts[-1].close_next()
     raise LabyrinthError("no place was found for ice that leaves a detour open")
+
+
+@dataclass
+class _Cut:
+    """A shortest route that was open, and the one of its cells that is closed now."""
+
+    cells: list[int]
+    """The cells to close later, in random order, the last one first."""
+    open_for_good: set[int]
+    """The cells that are not closed, as this did not help on the routes up to this one."""
+    closed: int = -1
+
+    def close_next(self) -> None:
+        """Close the next cell of the route that is not open for good."""
+        self.closed = self.cells.pop()
+        while self.closed in self.open_for_good:
+            self.closed = self.cells.pop()
 
 
 def _shortest_route(

@@ -12,16 +12,16 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.collection import KINDS, files_in, is_collection, read_collection
-from labyrinth_core.language.source_text import printable_line
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import Collection, parse
+from labyrinth_core.listing import files_in
 from labyrinth_core.storage import AnyPath
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
+from pipeline.machinery.console import say, tracked
 
 
 def certify_labyrinths(
@@ -89,7 +89,7 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     """Return the labyrinths of an external dataset.
 
     Args:
-        source: A file or a folder for `read_collection`; or, for `load_dataset`, a folder with
+        source: A file or a folder for `Collection`; or, for `load_dataset`, a folder with
             Parquet files or an id on the Hub, of which only the column `info` is read.
         config: The config of the dataset, if it has several.
 
@@ -98,8 +98,10 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
         OSError: A file cannot be read.
     """
     path = Path(source).expanduser()
-    if path.is_file() and not is_collection(path):
-        raise DatasetError(f"{source}: the name of a file must end in {', '.join(KINDS)}")
+    if path.is_file() and not Collection.is_at(path):
+        raise DatasetError(
+            f"{source}: the name of a file must end in {', '.join(Collection.SUFFIXES)}"
+        )
     files = files_in(path) if path.is_dir() else []
     rows = any(file.suffix == ".parquet" for file, _ in files)
     if path.is_file() or (path.is_dir() and not rows):
@@ -114,14 +116,15 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
-    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in streams.items()}
+    read = tracked(((1, each) for each in streams.items()), "read", len(streams))
+    splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in read}
     problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
     return Elsewhere(splits, {}, problems, config)
 
 
 def _in_files(path: Path) -> Elsewhere:
     """Return the labyrinths in a file or a folder."""
-    entries = list(read_collection(path))
+    entries = list(Collection(path))
     alone = any(isinstance(entry.found, Structure) for entry in entries)
     splits: dict[str, list[Labyrinth | Structure]] = {}
     files: dict[str, dict[str, str]] = {}

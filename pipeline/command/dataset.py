@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields, replace
 
 from labyrinth_core.data import SPLITS, DatasetConfig
-from labyrinth_core.language.source_text import parse_size
+from labyrinth_core.language import parse_size
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Task, default_open_walls
 from pipeline.config.errors import ConfigError, listed
 from pipeline.config.option import check_options, option

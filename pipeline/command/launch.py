@@ -24,7 +24,7 @@ from yaml import YAMLError
 
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.language.source_text import printable
+from labyrinth_core.terminal import printable
 from labyrinth_core.version import __version__
 from pipeline.command.command_line import (
     HYDRA,

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import ClassVar
 
 from labyrinth_core.data import SPLITS
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, option
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.storage import AnyPath, File, RemotePath
+from labyrinth_core.storage import AnyPath, File
 from pipeline.config.errors import ConfigError, as_typed, check
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ class Job(Generic[Options]):
     @property
     def local_dir(self) -> Path:
         """The data_dir as a local folder; raises a ConfigError if it is in an object store."""
-        if isinstance(self.data_dir, RemotePath):
+        if not isinstance(self.data_dir, Path):
             raise ConfigError(f"data_dir={self.data_dir}: report and publish need a local folder")
         return self.data_dir
 

@@ -13,7 +13,7 @@ from typing import Any
 
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.evaluation import RunName
-from labyrinth_core.learning.spec import ENCODERS, OWN, RESIZE_OF_PROTOCOL
+from labyrinth_core.learning import NetworkSpec
 from pipeline.config.errors import ConfigError, check, listed
 from pipeline.config.option import check_options, option
 from pipeline.config.options import RunFolderOption, SourceOptions
@@ -27,6 +27,10 @@ _FORMERLY = "pipeline.training.methods"
 
 NEEDS = ("matplotlib", "safetensors", "torch")
 """The libraries of the extra `train`."""
+
+
+_RESIZES = {"default": "area", "paper": "original", "authors": "original"}
+"""Protocol -> how pictures are made smaller, one of `pictures.observations.RESIZES`."""
 
 
 def target_of(name: str) -> str:
@@ -45,9 +49,9 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     )
     encoder: str = option(
         "cnn",
-        f"network that encodes the observation: {', '.join(ENCODERS)}; {', '.join(OWN)} have "
-        "their own",
-        one_of=ENCODERS,
+        f"network that encodes the observation: {', '.join(NetworkSpec.ENCODERS)}; "
+        f"{', '.join(NetworkSpec.OWN)} have their own",
+        one_of=NetworkSpec.ENCODERS,
     )
     observation: str = option(
         "image",
@@ -57,7 +61,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         "default",
         "default, paper (resizes and stops as in the paper), or authors (for the methods of the "
         "authors' code)",
-        one_of=RESIZE_OF_PROTOCOL,
+        one_of=_RESIZES,
     )
     train_labyrinths: int | str | None = option(
         None,
@@ -96,13 +100,18 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         if ":" in self.method_name:
             own = bool(getattr(self.users_method(), "own_network", False))
         else:
-            own = self.method_name in OWN
+            own = self.method_name in NetworkSpec.OWN
         return self.method_title if own else self.encoder
+
+    @property
+    def is_network_known(self) -> bool:
+        """Whether the library can make the network, so that it can open the policy."""
+        return self.network in (*NetworkSpec.ENCODERS, *NetworkSpec.OWN)
 
     @property
     def resize(self) -> str:
         """How the protocol shrinks pictures: one of `pictures.observations.RESIZES`."""
-        return RESIZE_OF_PROTOCOL[self.protocol]
+        return _RESIZES[self.protocol]
 
     def users_method(self) -> Any:
         """Import and return the user's object `module:Class`, from the working directory or else.
@@ -110,7 +119,7 @@ class TrainingOptions(SourceOptions, RunFolderOption):
         Raises:
             ConfigError: The module, or the name in it, does not exist.
         """
-        from labyrinth_core.policies.opening import PolicyNameError, imported
+        from labyrinth_core.policies import PolicyNameError, imported
 
         try:
             return imported(self.method_name)
@@ -146,11 +155,10 @@ class TrainingOptions(SourceOptions, RunFolderOption):
 
     def check_observation(self) -> None:
         """Raise a ConfigError if the library has no such observation."""
-        from labyrinth_core.pictures.observations import KINDS
+        from labyrinth_core.pictures import OBSERVATIONS
 
-        known = ("image", *KINDS)
         seen = self.observation
-        check(seen in known, f"observation={seen}: choose one of {listed(known)}")
+        check(seen in OBSERVATIONS, f"observation={seen}: choose one of {listed(OBSERVATIONS)}")
 
     def check_training(self) -> None:
         """Raise a ConfigError if an option for training is invalid, or a library is missing."""
@@ -168,11 +176,11 @@ class TrainingOptions(SourceOptions, RunFolderOption):
             seen in ("image", "vector"),
             f"observation={seen} is only for policy=...: give image or vector",
         )
-        fitting = [encoder for encoder, sees in ENCODERS.items() if sees == seen]
+        fitting = [encoder for encoder, sees in NetworkSpec.ENCODERS.items() if sees == seen]
         check(
             self.encoder in fitting,
-            f"encoder={self.encoder} looks at observation={ENCODERS[self.encoder]}: for "
-            f"observation={seen} choose one of {listed(fitting)}",
+            f"encoder={self.encoder} looks at observation={NetworkSpec.ENCODERS[self.encoder]}: "
+            f"for observation={seen} choose one of {listed(fitting)}",
         )
         check(
             self.network == self.encoder or seen == "image",
@@ -182,11 +190,12 @@ class TrainingOptions(SourceOptions, RunFolderOption):
     @staticmethod
     def check_run(run: RunName, observation: str) -> None:
         """Raise a ConfigError if no method makes a run of this name with this observation."""
-        known = ", ".join(RESIZE_OF_PROTOCOL)
-        check(run.protocol in RESIZE_OF_PROTOCOL, f"protocol={run.protocol}: choose from {known}")
+        known = ", ".join(_RESIZES)
+        check(run.protocol in _RESIZES, f"protocol={run.protocol}: choose from {known}")
         ours = run.method in METHODS
-        own = {run.method: "image"} if run.method in OWN or not ours else {}
-        encoders = own if run.method in OWN else ENCODERS | own
+        has_own = run.method in NetworkSpec.OWN
+        own = {run.method: "image"} if has_own or not ours else {}
+        encoders = own if has_own else {**NetworkSpec.ENCODERS, **own}
         check(run.encoder in encoders, f"encoder={run.encoder}: choose from {', '.join(encoders)}")
         seen = encoders[run.encoder]
         check(

@@ -14,8 +14,8 @@ import numpy as np
 from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
-from labyrinth_core.language.text import labyrinth_id
-from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.language import labyrinth_id
+from labyrinth_core.pictures import animate
 from labyrinth_core.world import Solver
 from pipeline.config.errors import ConfigError, check
 from pipeline.config.stage import Job
@@ -114,6 +114,6 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     for episode in shown.player.attempts(shown.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
-        picture = gif([beside(frames_of(episode), frames_of(optimal))])
+        picture = animate(episode, optimal)
         pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
     return pictures

@@ -15,8 +15,7 @@ from typing import Any
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
-from labyrinth_core.learning.spec import RECORD
-from labyrinth_core.policies.opening import PolicyNameError, open_policy
+from labyrinth_core.policies import PolicyNameError, RunRecord, open_policy
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
@@ -76,10 +75,12 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / Results.FILE
-    if not asked.name and path.with_name(RECORD).exists():  # A run keeps its own results there.
+    if (
+        not asked.name and path.with_name(RunRecord.FILE).exists()
+    ):  # A run keeps its own results there.
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / Results.FILE
-    if path.with_name(RECORD).exists():
+    if path.with_name(RunRecord.FILE).exists():
         raise DatasetError(f"{path.parent} holds a trained run: {INSTEAD}")
     # "image" is the option's default, so it does not say what the policy observes.
     observation = None if options.observation == "image" else options.observation
@@ -102,12 +103,12 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
 
 def _of_options(job: Job[EvaluateOptions]) -> Named:
     """Return the policy of the run that the options describe, on its dataset or `evaluate_on`."""
-    from pipeline.evaluation.trained import require_run  # It imports torch.
+    from pipeline.training import require_run  # It imports torch.
 
     options, trained_on = job.options, job.open_dataset
     folder = options.run_folder(job.dataset)
     record = require_run(job, folder)
-    fingerprint = record["run"]["fingerprint"]
+    fingerprint = record.content["run"]["fingerprint"]
     if options.evaluate_on:
         source, _, name = options.evaluate_on.rstrip("/").rpartition("/")
         return _of_run(job, folder, Dataset(source, name), trained_on, record)
@@ -126,10 +127,10 @@ def _of_run(
     folder: Path,
     data: Dataset,
     trained_on: Callable[[], Dataset],
-    record: Mapping[str, Any] | None = None,
+    record: RunRecord | None = None,
 ) -> Named:
     """Return the policy of a run, with the place of its results in the folder of the run."""
-    from pipeline.evaluation.trained import show
+    from pipeline.training import show
 
     shown, key = show(job, folder, data, record)
     run, path = shown.run, folder / Results.FILE

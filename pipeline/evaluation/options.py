@@ -9,7 +9,7 @@ from typing import Any
 from labyrinth_core import typed
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, RunName
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from pipeline.config.errors import check
 from pipeline.config.option import option
 from pipeline.config.options import WorkOptions

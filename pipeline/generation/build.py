@@ -28,7 +28,8 @@ from rich.table import Table
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest, Shard
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.storage import AnyPath
+from labyrinth_core.folders import WholeFolder
+from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -48,7 +49,7 @@ from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held, new_file
+from pipeline.machinery.folders import held
 from pipeline.machinery.markdown import count
 
 CELLS_PER_SHARD = 400_000
@@ -145,7 +146,7 @@ def _existing(job: Job[BuildOptions]) -> Dataset | None:
     )
     same = replace(old, labyrinths=asked.labyrinths, shifts=asked.shifts) == asked
     more = old.labyrinths <= asked.labyrinths and {*old.shifts} <= {*asked.shifts}
-    can_grow = same and more and isinstance(folder, Path)
+    can_grow = same and more and WholeFolder.of(folder, Manifest.FILE).is_replaced_at_once
     if differing and can_grow and not job.options.grow:
         raise DatasetError(
             f"{folder} holds a finished dataset with {differing}: give grow=true to extend it, or "
@@ -315,7 +316,7 @@ class Build:
         Returns:
             The manifest with the table.
         """
-        with new_file(folder / Manifest.TABLE, self.workplace.building) as path:
+        with File(folder / Manifest.TABLE).replacing(self.workplace.building) as path:
             sidecars = map(Sidecar.read, jobs)
             parts = ((sidecar.shard, sidecar.facts) for sidecar in sidecars)
             write_table(path, self.job.dataset, parts)

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.collection import is_litter
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
 from pipeline.config.options import WorkOptions

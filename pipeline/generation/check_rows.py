@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import COLUMNS, DatasetConfig, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
-from labyrinth_core.pictures.png import PICTURE_SIZE, PictureDigest, strips_in
+from labyrinth_core.language import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.pictures import PICTURE_SIZE, PictureDigest
 from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 from pipeline.generation.labyrinths import Solution, labyrinth_and_parent
 from pipeline.generation.rules import labyrinth_problems, route_problems
@@ -275,7 +275,7 @@ def _differing(found: Row, right: Row, *, same_bytes: bool) -> Iterator[tuple[st
         except ValueError as error:
             yield "obs", str(error)
             return
-        if PictureDigest(strips_in(picture)).digest({}) != right.picture_digest:
+        if PictureDigest.of(picture) != right.picture_digest:
             yield "obs", "not the picture of the state that the actions lead to"
         elif same_bytes:
             yield "obs", "the right pixels, but not the encoder's bytes"

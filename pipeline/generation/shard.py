@@ -22,12 +22,11 @@ import numpy as np
 
 from labyrinth_core.data import COLUMNS, DatasetConfig, Manifest, Shard
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import dump
-from labyrinth_core.pictures.png import PICTURE_SIZE, Mosaic, PictureDigest
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.language import dump
+from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
-from labyrinth_core.world import Episode, Labyrinth, State
+from labyrinth_core.world import Episode, Labyrinth
 from pipeline.generation.candidates import Records, unpack
 from pipeline.generation.labyrinths import Solution, numbered_labyrinths
 from pipeline.generation.table import (
@@ -38,7 +37,6 @@ from pipeline.generation.table import (
     text_array,
     value_array,
 )
-from pipeline.machinery.folders import new_file
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,9 +44,6 @@ if TYPE_CHECKING:
 CELLS_PER_BATCH = 2_000
 """The cells of the labyrinths in a batch: 80 labyrinths at 5x5. Without batches a build would cost
 8% to 15% more (600 labyrinths at 5x5, CPU time, 12 rounds)."""
-
-REMEMBERED_BYTES = 32 << 20
-"""The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
 
 DRAWN_AT_ONCE = 128
 """The number of rows of an episode that are drawn together; 20 MB of pictures at 250x250."""
@@ -171,7 +166,7 @@ def finished(job: ShardJob) -> Shard | None:
     if old is not None and old.table_row is not None:
         with suppress(FileNotFoundError):
             if File(old.path).sha256() == old.shard.sha256:
-                with new_file(job.path, job.building) as path:
+                with File(job.path).replacing(job.building) as path:
                     shutil.copyfile(str(old.path), path)
                 shard = replace(old.shard, path=job.path.name)
                 facts = table_facts(old.path.parent, old.table_row, shard.labyrinths)
@@ -198,7 +193,7 @@ def make_shard(job: ShardJob) -> Shard:
                 yield from render(job.split, number, info, solution.episodes)
                 content.add(info, solution, parent)
 
-    with new_file(job.path, job.building) as path:
+    with File(job.path).replacing(job.building) as path:
         fingerprint = write(path, parts())
         size, sha256 = path.stat().st_size, File(path).sha256()
         if job.there is not None and job.there.shard.sha256 != sha256:
@@ -296,7 +291,7 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
         info: The text of the labyrinth.
         episodes: At least one, all of the same labyrinth.
     """
-    pictures = Pictures(episodes[0].labyrinth)
+    pictures = StatePictures(episodes[0].labyrinth)
     for place, episode in enumerate(episodes):
         states, name = episode.states, f"{split}-{number:06d}-{place:03d}"
         names = [f"{name}-{step:04d}.png" for step in range(len(states))]
@@ -310,31 +305,6 @@ def render(split: str, number: int, info: str, episodes: list[Episode]) -> Itera
             else:
                 pngs, digests = zip(*[pictures[state] for state in states[part]], strict=True)
             yield list(map(Row, pngs, names[part], numbers[part], repeat(info), digests))
-
-
-class Pictures(dict[State, tuple[bytes, bytes]]):
-    """A cache of the pictures of a labyrinth's states, each drawn when it is first needed.
-
-    A value is the PNG file and the digest of its pixels: see `PictureDigest`.
-    """
-
-    def __init__(self, labyrinth: Labyrinth) -> None:
-        super().__init__()
-        self._painter = Painter(labyrinth)
-        strips = self._painter.strips()
-        self._mosaic, self._digests = Mosaic(strips, PICTURE_SIZE), PictureDigest(strips)
-
-    def __missing__(self, state: State) -> tuple[bytes, bytes]:
-        (png,), (digest,) = self.draw([state])
-        if len(self) * len(png) >= REMEMBERED_BYTES:
-            self.clear()
-        self[state] = png, digest
-        return png, digest
-
-    def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
-        """Return the PNG files and the digests of states, without keeping them."""
-        changes = list(map(self._painter.changes, states))
-        return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
 
 
 def write(path: Path, parts: Iterable[list[Row]]) -> str:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import TABLE_COLUMNS, Dataset, DatasetConfig, Manifest, Shard
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.labyrinths import Solution

@@ -13,7 +13,7 @@ from typing import Any
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.language.collection import is_litter
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import (
     AnyPath,
     File,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Action, Labyrinth, LabyrinthError, Solver
 from pipeline.inspection.leakage import Keys

@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from importlib import resources
 from itertools import chain
-from pathlib import Path
 from string import Template
 from typing import Any
 
@@ -25,8 +24,9 @@ from labyrinth_core.data import (
     Manifest,
 )
 from labyrinth_core.errors import MALFORMED, DatasetError, one_line
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.terminal import printable_line
 from pipeline.inspection.companions import Companion
 from pipeline.machinery.console import say
 
@@ -66,16 +66,17 @@ def finished(data_dir: AnyPath) -> list[Manifest]:
     return sorted(manifests, key=lambda m: (m.config.height, m.config.width, str(m.config.task)))
 
 
-def without_manifest(data_dir: AnyPath) -> list[Path]:
+def without_manifest(data_dir: AnyPath) -> list[AnyPath]:
     """Return the folders of a local folder that hold a dataset whose manifest is missing.
 
     In a store, a dataset that is being built looks the same.
     """
-    if not isinstance(data_dir, Path):
+    if not WholeFolder.of(data_dir, Manifest.FILE).is_replaced_at_once:
         return []
-    folders = [file.parent for file in sorted(data_dir.glob(f"*/{Manifest.TABLE}"))]
+    folders: list[AnyPath] = [file.parent for file in data_dir.glob(f"*/{Manifest.TABLE}")]
     named = [folder for folder in folders if DatasetConfig.NAME.fullmatch(folder.name)]
-    return [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    lacking = [folder for folder in named if not (folder / Manifest.FILE).exists()]
+    return sorted(lacking, key=str)
 
 
 def table_config(config: str) -> str:

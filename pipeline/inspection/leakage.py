@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth, Solver, Structure, identity
 from pipeline.inspection.near_twins import (
     FAR,

@@ -22,12 +22,12 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.language.collection import is_litter
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.terminal import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import Place, held, within
-from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of, names_in
+from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of
 
 _UNFINISHED = re.compile(r"(.*/)?\..+\.[0-9a-f]{12}\.[0-9a-f]{8}\.tmp")
 """A name from `LocalFile.temporary`: a process was killed while it wrote the file."""
@@ -54,7 +54,7 @@ class Ownership:
         listed = {HASHES, *(n for n, _ in sums.made), *(n for n, _ in sums.left if sums.has(n))}
         unlisted = [
             name
-            for name in names_in(folder)
+            for name in File(folder).names()
             if not (name in listed or is_litter(name) or _UNFINISHED.fullmatch(name))
         ]
         if lost := [name for name in unlisted if any(fnmatchcase(name, own) for own in ours)]:

@@ -18,7 +18,7 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.storage import AnyPath, File, RemotePath
+from labyrinth_core.storage import AnyPath, File
 
 HASHES = "SHA256SUMS"
 """The name of the list."""
@@ -89,7 +89,7 @@ class Sums:
     @classmethod
     def of(cls, folder: AnyPath, key: Key | None = None, names: Sequence[str] = ()) -> Sums:
         """Hash all files of a folder; those in `names`, by default all, count as `made`."""
-        hashes = {(n, File(folder / n).sha256()) for n in names_in(folder) if n != HASHES}
+        hashes = {(n, File(folder / n).sha256()) for n in File(folder).names() if n != HASHES}
         made = frozenset(each for each in hashes if not names or each[0] in names)
         return cls(folder, key, made, frozenset(hashes - made))
 
@@ -141,11 +141,3 @@ class Sums:
 def hash_of(path: AnyPath) -> str | None:
     """Return the SHA-256 of a file; None if it does not exist."""
     return File(path).sha256() if path.is_file() else None
-
-
-def names_in(folder: AnyPath) -> list[str]:
-    """Return the paths of all files in a folder, relative to it."""
-    if isinstance(folder, RemotePath):
-        return [path.name for path in folder.iterdir()]
-    files = [path for path in folder.rglob("*") if path.is_symlink() or not path.is_dir()]
-    return sorted(path.relative_to(folder).as_posix() for path in files)

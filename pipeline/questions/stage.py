@@ -21,7 +21,7 @@ from pipeline.inspection import front_matter
 from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held, new_file
+from pipeline.machinery.folders import held
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 
@@ -82,7 +82,7 @@ def _write(folder: AnyPath, file: ShardFile) -> Shard:
 
     rows, longest, about = 0, 0, file.shard
     schema = QUESTION_COLUMNS.arrow_schema()
-    with new_file(folder / about.path, folder.parent) as path:
+    with File(folder / about.path).replacing(folder.parent) as path:
         with pq.ParquetWriter(path, schema, **WRITER_OPTIONS) as writer:
             writer.add_key_value_metadata(schema.metadata)
             questions = questions_of(file)

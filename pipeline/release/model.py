@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,16 +13,8 @@ from huggingface_hub import EvalResult, ModelCardData
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Results, TrainedRun
-from labyrinth_core.learning.spec import (
-    CONFIG,
-    RECORD,
-    WEIGHTS,
-    MapperSpec,
-    PlannerSpec,
-    PolicySpec,
-)
-from labyrinth_core.policies.load import load_policy
-from labyrinth_core.policies.record import read_run, trained_run
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies import RunRecord, load_policy
 from labyrinth_core.storage import File
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
@@ -93,14 +84,17 @@ def stage_policy(
     source = job.options.run_folder(job.dataset)
     results, made, record = _results(job, commit, manifest)
     policy = load_policy(source)
-    if File(source / WEIGHTS).sha256() != made.evaluated["weights"]:
+    if File(source / PolicySpec.WEIGHTS).sha256() != made.evaluated["weights"]:
         again = "stages=evaluate makes it again"
-        raise DatasetError(f"{source / Results.FILE} is for other weights than {WEIGHTS}: {again}")
-    for name in (WEIGHTS, CONFIG):
+        raise DatasetError(
+            f"{source / Results.FILE} is for other weights than {PolicySpec.WEIGHTS}: {again}"
+        )
+    for name in (PolicySpec.WEIGHTS, PolicySpec.FILE):
         shutil.copyfile(source / name, folder / name)
     repo_id, _ = job.options.dataset_on_hub  # The run names a folder of its own machine.
-    run = {**record["run"], "dataset": repo_id, "revision": commit}
-    File(folder / RECORD).write_text(json.dumps({**record, "run": run}, indent=1) + "\n")
+    run = {**record.content["run"], "dataset": repo_id, "revision": commit}
+    content = {**record.content, "run": run}
+    File(folder / RunRecord.FILE).write_text(json.dumps(content, indent=1) + "\n")
     weights = sum(each.numel() for each in policy.network.parameters())
     trained = Trained(job, made, policy.spec, weights, results, commit, manifest)
     File(folder / "README.md").write_text(_card(trained))
@@ -108,7 +102,7 @@ def stage_policy(
 
 def _results(
     job: Job[PublishStageOptions], commit: str, manifest: Manifest
-) -> tuple[Results, TrainedRun, Mapping[str, Any]]:
+) -> tuple[Results, TrainedRun, RunRecord]:
     """Return the results in the folder of a run, their description of the run, and its record."""
     folder = job.options.run_folder(job.dataset)
     path, anew = folder / Results.FILE, "stages=evaluate makes it again"
@@ -126,12 +120,12 @@ def _results(
             f"fingerprints are {made_by.fingerprint:.8} and {manifest.fingerprint:.8}"
         )
     results = Results.load(path, lambda _: _known(job, commit, manifest))
-    record = read_run(folder)
+    record = RunRecord.read(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    run = trained_run(record)
+    run = record.trained_run()
     if (run.training, run.settings) != (made_by.training, made_by.settings):
-        raise DatasetError(f"{path} describes another training than {RECORD}: {anew}")
+        raise DatasetError(f"{path} describes another training than {RunRecord.FILE}: {anew}")
     return results, made_by, record
 
 
@@ -185,7 +179,7 @@ def _card(trained: Trained) -> str:
     low, high = (f"{100 * bound:.0f}" for bound in test.figures()["sr_interval"])
     spec, options = trained.spec, trained.job.options.publish
     form = "a function from a batch of observations to the scores of the four actions"
-    if isinstance(spec.own, MapperSpec):
+    if spec.remembers:
         form = "an object with `reset(count)` and `act(observations)`, which returns actions"
     text = fill(
         "model.md",
@@ -284,9 +278,9 @@ def _limits(trained: Trained) -> list[str]:
     """Return the limits of the results, a paragraph each."""
     spec = trained.spec
     names = ["one_seed", "chosen"]
-    names += ["plans_once" if isinstance(spec.own, MapperSpec) else "no_memory"]
+    names += ["plans_once" if spec.remembers else "no_memory"]
     names += ["pictures"] * (spec.observation == "image")
-    names += ["knowledge"] * isinstance(spec.own, PlannerSpec)
+    names += ["knowledge"] * spec.knows_how_to_plan
     limits = [paragraph(f"policy_{name}") for name in names]
     receipt = trained.results.memorised
     if receipt is not None:

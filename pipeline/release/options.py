@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 from typing import Any
 
-from labyrinth_core.learning.spec import ENCODERS, OWN
-from labyrinth_core.storage import RemotePath
 from pipeline.config.errors import check
 from pipeline.config.export import ExportOptions
 from pipeline.config.option import option
@@ -98,7 +97,7 @@ def _check_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> None
         "or the environment belongs to, such as user/labyrinth",
     )
     check(
-        not publish.model or options.network in (*ENCODERS, *OWN),
+        not publish.model or options.is_network_known,
         f"publish.model={publish.model}: policies of method={options.method_name} cannot be "
         "published, because load_policy cannot make their network",
     )
@@ -134,7 +133,7 @@ def _after_publish(job: Job[PublishStageOptions], stages: Sequence[str]) -> tupl
 def _after_card(job: Job[WorkOptions], stages: Sequence[str]) -> tuple[str, ...]:
     if "build" not in stages:
         return ()
-    return LEARN if isinstance(job.data_dir, RemotePath) else LOOK
+    return LOOK if isinstance(job.data_dir, Path) else LEARN
 
 
 def _idle(options: Any) -> dict[str, str]:

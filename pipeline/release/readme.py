@@ -8,7 +8,7 @@ import yaml
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.evaluation import KnownDataset
-from labyrinth_core.language.text import dump
+from labyrinth_core.language import dump
 from labyrinth_core.world import Action
 from pipeline.inspection import front_matter
 from pipeline.inspection.companions import Companion

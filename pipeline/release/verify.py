@@ -27,8 +27,8 @@ from huggingface_hub.errors import HTTPError  # type: ignore[attr-defined]
 from labyrinth_core import hub
 from labyrinth_core.data import COLUMNS
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.learning.spec import WEIGHTS
-from labyrinth_core.policies.load import load_policy
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies import load_policy
 from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
 from pipeline.machinery.console import progress
@@ -59,7 +59,7 @@ def loaded(
         PublishError: The Hub returns something else than was published, or nothing.
     """
     has_datasets = repo_type == "dataset" and bool(front_matter.finished(folder))
-    if not has_datasets and not (folder / WEIGHTS).exists():
+    if not has_datasets and not (folder / PolicySpec.WEIGHTS).exists():
         return ""
     command = [sys.executable, "-m", "pipeline.release.verify", repo_id, commit]
     said, since = "", time.monotonic()
@@ -148,7 +148,7 @@ def verify(source: str, commit: str | None, folder: Path) -> str:
         DatasetError, WrongAnswerError: The Hub returns something else than was published, or
             nothing.
     """
-    if (folder / WEIGHTS).exists():
+    if (folder / PolicySpec.WEIGHTS).exists():
         load_policy(source, revision=commit)
         return "the policy loads"
     described = front_matter.described(front_matter.finished(folder))

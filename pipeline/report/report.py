@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.evaluation import Results
-from labyrinth_core.language.text import SETTINGS_OF
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.language import SETTINGS_OF
+from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
 from pipeline.config.stage import Job

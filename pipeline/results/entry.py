@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation import Description, Results, TrainedRun
-from labyrinth_core.language.source_text import parse_size
+from labyrinth_core.language import parse_size
 from pipeline.config.training import METHODS
 from pipeline.machinery.markdown import count
 from pipeline.results.kept import AUTHOR, run_of

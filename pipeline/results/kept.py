@@ -8,7 +8,7 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results, TrainedRun
-from labyrinth_core.language.source_text import printable_line
+from labyrinth_core.terminal import printable_line
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.artifact import Ownership
 from pipeline.machinery.sums import Sums
@@ -104,21 +104,21 @@ def _names(results: Results) -> list[str]:
     run = results.run
     if run is not None:
         return [title_of(run), run.of_all_seeds, run.name]
-    return [] if results.method is None else [results.method.name]
+    return [results.about.name]
 
 
 def _require_own_name(
     path: Path, results: Results, named: Mapping[tuple[str, str, str], str]
 ) -> None:
     """Raise a DatasetError if a submission has the name of a run or of another submission."""
-    if results.run is not None or results.method is None:
+    if results.run is not None:
         raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
-    if Description.as_compared(results.method.author) == Description.as_compared(AUTHOR):
+    if Description.as_compared(results.about.author) == Description.as_compared(AUTHOR):
         raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
-    name = Description.as_compared(results.method.name)
+    name = Description.as_compared(results.about.name)
     reason = named.get((results.config, results.fingerprint, name))
     if name in {Description.as_compared(each) for method in METHODS.items() for each in method}:
-        reason = f"name={results.method.name} is reserved for runs"
+        reason = f"name={results.about.name} is reserved for runs"
     if reason is not None:
         raise DatasetError(f"{path} is refused: {reason}")
 

@@ -14,17 +14,23 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Annotated, Any, Literal
+from uuid import uuid4
 
 from labyrinth_core import typed
 from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.version import build_versions
 from pipeline.config.stage import Job
 from pipeline.generation import built
-from pipeline.season.files import private_folder, require_regular
+from pipeline.machinery.folders import held
 from pipeline.season.options import SeasonStageOptions
+
+PRIVATE = "labyrinth-season-"
+"""How the names of temporary folders begin."""
 
 PREFIX = b"labyrinth season, seed, version 1\n"
 SECRET_BYTES = 32
@@ -240,3 +246,54 @@ def dataset(workers: int, config: DatasetConfig) -> Iterator[Dataset]:
     """
     with private_folder() as folder:
         yield built(config, folder, workers)
+
+
+# Files of strangers, read with limits, and folders that only this user can read.
+
+
+def require_regular(path: Path, most: int) -> None:
+    """Check a file before it is read.
+
+    Args:
+        path: The file, or a link to it.
+        most: The maximum number of bytes.
+
+    Raises:
+        DatasetError: It is too large, or a device, a pipe or a folder.
+        OSError: It does not exist.
+    """
+    size = path.stat().st_size
+    if not path.is_file():
+        raise DatasetError(f"{path} is not a regular file")
+    if size > most:
+        raise DatasetError(f"{path} has {size:,} bytes, more than {most:,}")
+
+
+def has_sha256(path: Path, digest: str) -> bool:
+    """Return whether a file exists, is not larger than any results or weights, and has a hash."""
+    return (
+        path.is_file() and path.stat().st_size <= Results.LARGEST and File(path).sha256() == digest
+    )
+
+
+@contextmanager
+def private_folder() -> Iterator[Path]:
+    """Yield a new temporary folder that only this user can read, and remove it at the end.
+
+    Folders that killed processes of this user left are removed, too. A process holds the lock of
+    its folder until it ends, however it ends.
+    """
+    base = Path(gettempdir())
+    own = base / f"{PRIVATE}{uuid4().hex}"
+    with held(base, own.name):
+        own.mkdir(mode=0o700)
+        try:
+            for lock in base.glob(f".{PRIVATE}*.lock"):
+                abandoned = base / lock.name.removeprefix(".").removesuffix(".lock")
+                with suppress(OSError):  # Its process is alive and holds it, or has just ended.
+                    if abandoned != own and lock.lstat().st_uid == own.lstat().st_uid:
+                        with LocalFile(lock).locked(wait=False):
+                            File(abandoned).remove()
+            yield own
+        finally:
+            File(own).remove()

@@ -23,10 +23,16 @@ from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
 from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
+from pipeline.machinery.console import say, tracked
 from pipeline.machinery.folders import held
-from pipeline.season.commitment import MOST_BYTES, Layout, Season, check_rows, dataset
-from pipeline.season.files import require_regular
+from pipeline.season.commitment import (
+    MOST_BYTES,
+    Layout,
+    Season,
+    check_rows,
+    dataset,
+    require_regular,
+)
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.submission import Submission, fetched, versions
 
@@ -174,7 +180,11 @@ def judged(
     if lacking := [name for name in here if name not in signed]:
         raise DatasetError(f"its entry has no version of {', '.join(lacking)}")
     asked = Evaluation.of(submission.policy, data)
-    results = asked.results(["test", *data.manifest.config.shifts], advice=REPEATABLE)
+    results = asked.results(
+        ["test", *data.manifest.config.shifts],
+        advice=REPEATABLE,
+        follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
+    )
     results = results.signed(
         season=season.name,
         secret_sha256=season.secret_sha256,

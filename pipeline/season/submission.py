@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
 from threading import Event, Timer
@@ -13,14 +11,11 @@ from typing import Any, NamedTuple
 
 from numpy.typing import NDArray
 
-from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.spec import GRAPH
-from labyrinth_core.policies.graph import SECONDS
-from labyrinth_core.policies.load import MOST_BYTES, check_size
-from labyrinth_core.policies.opening import PolicyNameError, files_of
+from labyrinth_core.policies import SECONDS, PolicyNameError, files_of
 from labyrinth_core.world import Task
-from pipeline.season.files import private_folder, require_regular
+from pipeline.season.commitment import private_folder
 
 
 class Submission(NamedTuple):
@@ -65,19 +60,19 @@ def fetched(
     except PolicyNameError as error:
         raise DatasetError(str(error)) from error
     with private_folder() as own:
-        files = _copied(source.paths, own)
+        copies = source.copied(own)
+        files = dict(sorted(copies.origin().files.items()))
         for name, expected in pinned["files"].items() if pinned else ():
             if files.get(name) != expected:
                 raise DatasetError(
                     f"{named}: {name} differs from the named revision: it is "
                     f"{files.get(name) or 'missing':.16}, not {expected:.16}"
                 )
-        copies = {name: own / name for name in source.paths}
         try:
-            policy = replace(source, paths=copies).open(named)
+            policy = copies.open(named)
         except DatasetError as error:  # Name the original, not the temporary copy.
             raise DatasetError(str(error).replace(str(own), named)) from error
-        if GRAPH in files:
+        if source.is_graph:
             with policy:
                 yield Submission(named, source.commit, files, own, policy, "onnxruntime")
         else:
@@ -129,26 +124,6 @@ class _Limited:
     def _require_time(self) -> None:
         if self._late.is_set():
             raise PolicyError(f"the policy takes more than {SECONDS:g} seconds")
-
-
-def _copied(files: Mapping[str, Path], folder: Path) -> dict[str, str]:
-    """Copy files, so that the hashed bytes are the judged ones; return the SHA-256 of each by name.
-
-    Raises:
-        DatasetError: A file is too large, cannot be read, or is no file.
-    """
-    hashes = {}
-    for name, path in files.items():
-        try:
-            require_regular(path, MOST_BYTES[name])
-            with path.open("rb") as file:
-                content = file.read(MOST_BYTES[name] + 1)
-            check_size(path, name, len(content))  # It may have grown since.
-            (folder / name).write_bytes(content)
-        except OSError as error:
-            raise DatasetError(f"{path} cannot be read: {one_line(error)}") from error
-        hashes[name] = hashlib.sha256(content).hexdigest()
-    return dict(sorted(hashes.items()))
 
 
 def versions(library: str) -> dict[str, str]:

@@ -13,8 +13,7 @@ from pipeline.config.stage import Job
 from pipeline.machinery.console import say
 from pipeline.machinery.markdown import table
 from pipeline.machinery.sums import HASHES, Sums
-from pipeline.season.commitment import Layout, Season, dataset
-from pipeline.season.files import has_sha256
+from pipeline.season.commitment import Layout, Season, dataset, has_sha256
 from pipeline.season.judge import Row, check_row, judged, read_list, shown
 from pipeline.season.options import SeasonStageOptions
 from pipeline.season.submission import fetched, versions
@@ -138,6 +137,6 @@ def _self_reported(path: Path, known: KnownDataset) -> bool:
     except (DatasetError, ValueError) as error:
         say(f"self-reported, and refused: {one_line(error)}")
         return True
-    test, name = results.splits["test"], results.method.name if results.method else path.name
+    test, name = results.splits["test"], results.about.name
     say(f"self-reported, not verified: {name!r}, {shown({'spl': test.spl, 'sr': test.sr})}")
     return False

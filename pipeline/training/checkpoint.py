@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,11 +22,8 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.networks.network import Network
-from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.learning import Learner, NetworkSpec
+from labyrinth_core.policies import read_tensors
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.training.identity import require_same, without_place
@@ -189,10 +186,10 @@ def _read_checkpoint(path: Path) -> tuple[Tensors, dict[str, Any]]:
 
 def _object(texts: Mapping[str, str], name: str) -> dict[str, Any]:
     """Return the JSON object in a text of a file of tensors; raise ValueError without one."""
-    found = json.loads(texts.get(name, "null"))
-    if not isinstance(found, dict):
+    content = json.loads(texts.get(name, "null"))
+    if not isinstance(content, dict):
         raise ValueError(f"its header has no {name}")
-    return found
+    return content
 
 
 @contextmanager
@@ -214,17 +211,19 @@ def save_policy(path: Path, tensors: Tensors, spec: NetworkSpec) -> None:
 
 def read_policy(
     path: Path,
+    method: type[Learner],
+    settings: Any,
     spec: NetworkSpec,
     device: torch.device | str = "cpu",
-    make: Callable[[NetworkSpec], nn.Module] = Network,
-) -> NetworkPolicy:
-    """Load a policy from a file.
+) -> Any:
+    """Load the policy of a method from a file, as `Learner.player` takes it.
 
     Args:
         path: A file that `save_policy` wrote.
+        method: The method, which makes the network.
+        settings: The settings of the method.
         spec: The network that the file is expected to hold.
         device: The device to compute on.
-        make: Builds the network, whose weights are then replaced: `Learner.make` of the method.
 
     Raises:
         DatasetError: The file does not exist, or holds the policy of another network.
@@ -233,10 +232,8 @@ def read_policy(
         tensors, texts = read_tensors(path)
         actual = _object(texts, "network")
     require_same(f"{path} is a policy", actual, asdict(spec))
-    network = make(spec).to(device)
     try:
-        network.load_state_dict(tensors)
+        return method.trained(tensors, spec, settings, device)
     except RuntimeError as error:
         reason = f"{path} is not a policy of this network"
         raise DatasetError(f"{reason}: {one_line(error):.300}") from error
-    return NetworkPolicy(network)

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.learning.spec import NetworkSpec
+from labyrinth_core.learning import NetworkSpec
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -86,7 +86,7 @@ def choose_device(options: TrainingOptions) -> torch.device:
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     available = torch.accelerator.is_available()
-    found = torch.accelerator.current_accelerator() if available else None
-    if options.device == "cuda" and (found is None or found.type != "cuda"):
+    accelerator = torch.accelerator.current_accelerator() if available else None
+    if options.device == "cuda" and (accelerator is None or accelerator.type != "cuda"):
         raise ConfigError("device=cuda: no such device is available; choose cpu or auto")
-    return torch.device("cpu") if found is None or options.device == "cpu" else found
+    return torch.device("cpu") if accelerator is None or options.device == "cpu" else accelerator

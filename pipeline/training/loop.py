@@ -9,8 +9,7 @@ from math import inf, isfinite
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import NetworkPolicy
+from labyrinth_core.learning import Learner
 from pipeline.config.errors import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
@@ -48,7 +47,7 @@ scripts/studies/methods/authors.
 
 def fit(
     learner: Learner,
-    judge: Callable[[NetworkPolicy], dict[str, float]],
+    judge: Callable[[Learner], dict[str, float]],
     protocol: Protocol,
     path: Path,
     identity: Mapping[str, Any],
@@ -61,8 +60,8 @@ def fit(
 
     Args:
         learner: A fresh learner.
-        judge: Returns the success rates of a policy, among them `validation_sr`; called every
-            `evaluate_every` epochs, and after the last epoch.
+        judge: Returns the success rates of a learner's policy, among them `validation_sr`; called
+            every `evaluate_every` epochs, and after the last epoch.
         protocol: When to stop early.
         path: The checkpoint; if it exists, training continues from it.
         identity: Everything that determines the run's weights.
@@ -88,7 +87,7 @@ def fit(
         if progress.epoch == 1:
             checkpoint.state_of(learner)  # Fail now, not when the first checkpoint is due.
         if progress.epoch % every == 0 or progress.epoch == epochs:
-            figures |= judge(NetworkPolicy(learner.policy))
+            figures |= judge(learner)
         now = time.perf_counter()
         progress.seconds = now - began
         row = {"epoch": progress.epoch, "seconds": round(progress.seconds, 3)} | figures

@@ -1,8 +1,8 @@
 """Find a method of learning by its name, with its settings.
 
-A built-in method is a module here with two classes, `Settings` and `Method`. A user's own method,
-`method=custom method._target_=module.Class`, has `Settings` in the same module
-(docs/new-method.md). The base classes are in `labyrinth_core.learning`.
+A built-in method is a module of `labyrinth_core.learning.methods` with two classes, `Settings` and
+`Method`. A user's own method, `method=custom method._target_=module.Class`, has `Settings` in the
+same module (docs/new-method.md).
 """
 
 from __future__ import annotations
@@ -13,9 +13,7 @@ from importlib import import_module
 from inspect import isabstract, isclass
 from typing import Any
 
-from labyrinth_core.learning.learner import BaseSettings, Learner
-from labyrinth_core.learning.learner import Problem as Problem
-from labyrinth_core.learning.learner import setting as setting
+from labyrinth_core.learning import BaseSettings, Learner
 from pipeline.config.errors import check, listed
 from pipeline.config.option import check_options, frozen
 from pipeline.config.training import METHODS, TrainingOptions
@@ -43,11 +41,11 @@ def find(
     allowed = [method.protocol] if method.protocol else ["default", "paper"]
     supported = f"method={name} supports only {' or '.join(allowed)}"
     check(protocol in allowed, f"protocol={protocol}: {supported}")
-    given = {key: value for key, value in values.items() if key != "name"}
+    chosen_values = {key: value for key, value in values.items() if key != "name"}
     for each in fields(settings):
-        there = each.name in given or each.default is not MISSING
-        check(there, f"method.{each.name} is missing: give it a value")
-    chosen = frozen(settings, given, "method.")
+        has_value = each.name in chosen_values or each.default is not MISSING
+        check(has_value, f"method.{each.name} is missing: give it a value")
+    chosen = frozen(settings, chosen_values, "method.")
     check_options(chosen, settings, "method.")
     return method, chosen
 
@@ -55,23 +53,20 @@ def find(
 def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
     """Return a user's class `module:Class`, and its settings.
 
-    They are the class `Settings` of its module or, if that has none, of the module of the method it
-    inherits from; else `BaseSettings`.
+    A module that imports the class from another one may have `Settings` of its own for it.
 
     Raises:
         ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
     """
     options = TrainingOptions(method={"name": name})
     method, title = options.users_method(), options.method_title
-    classes = getattr(method, "__mro__", ())
-    modules = [name.partition(":")[0], *(each.__module__ for each in classes)]
-    declared = (getattr(import_module(each), "Settings", None) for each in modules)
-    settings = next(filter(None, declared), BaseSettings)
     check(
         isclass(method) and issubclass(method, Learner) and not isabstract(method),
         f"method={name}: give a class that inherits from labyrinth_core.learning.Learner and "
         "has a method epoch",
     )
+    named = import_module(name.partition(":")[0])
+    settings = getattr(named, "Settings", None) or method.settings_class()
     check(
         isclass(settings)
         and issubclass(settings, BaseSettings)

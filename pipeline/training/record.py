@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -12,8 +11,8 @@ from typing import Any
 
 from labyrinth_core.errors import one_line
 from labyrinth_core.evaluation import Results
-from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
-from labyrinth_core.policies.record import FORMAT, read_run, training_versions
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.config.stage import Job
@@ -26,7 +25,14 @@ CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
 BOARD = "tensorboard"
 
-OURS = (RECORD, WEIGHTS, CONFIG, CURVES, Job.CONFIG, f"{Path(Results.FILE).stem}*.json")
+OURS = (
+    RunRecord.FILE,
+    PolicySpec.WEIGHTS,
+    PolicySpec.FILE,
+    CURVES,
+    Job.CONFIG,
+    f"{Path(Results.FILE).stem}*.json",
+)
 """File name patterns in the folder of a run that belong to us; the user may keep other files."""
 
 
@@ -54,18 +60,16 @@ def write_record(
         say(f"{CURVES} is left out, because it cannot be drawn: {one_line(error):.300}")
     else:
         File(folder / CURVES).write_bytes(picture)
-    held = [each for each in (WEIGHTS, CONFIG, CURVES) if (folder / each).exists()]
-    content = {
-        "format": FORMAT,
-        "run": identity,
-        "computed": {**computed, "versions": training_versions()},
-        "seconds": round(progress.seconds, 3),
-        "epochs": progress.epoch,
-        "selected": progress.best,
-        "history": progress.history,
-        "files": {each: File(folder / each).sha256() for each in held},
-    }
-    File(folder / RECORD).write_text(json.dumps(content, indent=1) + "\n")
+    names = (PolicySpec.WEIGHTS, PolicySpec.FILE, CURVES)
+    RunRecord.write(
+        folder,
+        identity,
+        progress.history,
+        progress.best,
+        progress.seconds,
+        computed,
+        files=[name for name in names if (folder / name).exists()],
+    )
 
 
 def restore_curves(folder: Path, name: str) -> None:
@@ -75,13 +79,13 @@ def restore_curves(folder: Path, name: str) -> None:
         DatasetError: The record cannot be read.
         OSError: The picture cannot be written.
     """
-    record = read_run(folder)
-    if record is None or CURVES not in record["files"] or Sums.read(folder).has(CURVES):
+    record = RunRecord.read(folder)
+    if record is None or CURVES not in record.content["files"] or Sums.read(folder).has(CURVES):
         return
     if (folder / CURVES).exists():
         say(f"{folder / CURVES} was damaged or changed: delete it to have it drawn again.")
     else:
-        leave(folder, {CURVES: _curves(name, record["history"])})
+        leave(folder, {CURVES: _curves(name, record.content["history"])})
         say(f"{folder / CURVES} was missing, and is drawn again.")
 
 

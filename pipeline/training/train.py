@@ -11,34 +11,18 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import torch
 
 from labyrinth_core.data import Dataset
-from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, Player, RunName
 from labyrinth_core.folders import WholeFolder
-from labyrinth_core.learning.fresh import FreshLabyrinths
-from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
-from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.networks.network import usual_defaults
-from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.spec import (
-    CONFIG,
-    ENCODERS,
-    OWN,
-    RECORD,
-    WEIGHTS,
-    PolicySpec,
-)
-from labyrinth_core.learning.steps import Steps, load_steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import check
 from pipeline.config.stage import Job
@@ -88,16 +72,16 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
             holds another run.
     """
     folder = job.options.run_folder(job.dataset)
-    place = WholeFolder.of(folder, RECORD).folder
-    working = within(place.parent, f".{place.name}.training")
+    target = WholeFolder.of(folder, RunRecord.FILE).folder
+    working = within(target.parent, f".{target.name}.training")
     method, settings = find(job.options.method_name, job.options.method, job.options.protocol)
     data = job.open_dataset(job.options.first_labyrinths)
     identity = identify(job, asdict(settings), data.fingerprint)
-    there, overwrite = Sums.read(folder).key or {}, job.options.overwrite
-    if not overwrite and there.get("fingerprint") == identity["fingerprint"]:
+    kept, overwrite = Sums.read(folder).key or {}, job.options.overwrite
+    if not overwrite and kept.get("fingerprint") == identity["fingerprint"]:
         # The dataset may have moved since.
-        identity |= {name: there[name] for name in ("dataset", "revision") if name in there}
-    rules: dict[str, Any] = {"mark": RECORD, "names": files_of(job), "ours": OURS}
+        identity |= {name: kept[name] for name in ("dataset", "revision") if name in kept}
+    rules: dict[str, Any] = {"mark": RunRecord.FILE, "names": files_of(job), "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
@@ -115,9 +99,9 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     if made is None:
         restore_curves(folder, folder.name)
         say(f"{folder} is complete already.")
-        record = read_run(folder)
+        record = RunRecord.read(folder)
         assert record is not None  # The folder is complete.
-        selected: Mapping[str, Any] = record["selected"]
+        selected: Mapping[str, Any] = record.content["selected"]
         return float(selected["validation_sr"])
     assert done.best is not None  # The policy is always evaluated after the last epoch.
     say(
@@ -128,7 +112,6 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     return float(done.best["validation_sr"])
 
 
-@usual_defaults()
 def _train(
     job: Job[TrainOptions],
     data: Dataset,
@@ -141,10 +124,7 @@ def _train(
     options = job.options
     method, settings = find(options.method_name, options.method, options.protocol)
     device = choose_device(options)
-    # Older versions of PyTorch cannot fork the random state of Apple's GPUs.
-    forked = [device] if device.type in ("cuda", "xpu") else []
-    with torch.random.fork_rng(devices=forked, device_type=forked[0].type if forked else "cuda"):
-        torch.manual_seed(job.dataset.seed)
+    with method.seeded(job.dataset.seed, device):
         try:
             learner, judge = prepare(job, data, method, settings, device)
         finally:  # Splits of two datasets cause other errors first.
@@ -152,10 +132,10 @@ def _train(
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    save_policy(folder / WEIGHTS, done.weights, learner.problem.spec)
-    if CONFIG in files_of(job):
-        policy = PolicySpec.of_run(learner.problem.spec, identity)
-        File(folder / CONFIG).write_text(json.dumps(policy.to_json(), indent=1) + "\n")
+    save_policy(folder / PolicySpec.WEIGHTS, done.weights, learner.problem.spec)
+    if options.is_network_known:
+        text = json.dumps(learner.policy_spec.to_json(), indent=1)
+        File(folder / PolicySpec.FILE).write_text(text + "\n")
     name = options.run_name(job.dataset).name
     write_record(folder, name, identity, done, computed_on(device))
     return done
@@ -197,8 +177,8 @@ def files_of(job: Job[TrainingOptions]) -> list[str]:
 
     The library describes no network of a user's method, so such a run has no `config.json`.
     """
-    described = job.options.network in (*ENCODERS, *OWN)
-    return [RECORD, WEIGHTS, *[CONFIG] * described]
+    described = [PolicySpec.FILE] * job.options.is_network_known
+    return [RunRecord.FILE, PolicySpec.WEIGHTS, *described]
 
 
 def prepare(
@@ -207,8 +187,8 @@ def prepare(
     method: type[Learner],
     settings: BaseSettings,
     device: torch.device,
-) -> tuple[Learner, Callable[[NetworkPolicy], dict[str, float]]]:
-    """Return a fresh learner, and a function that evaluates a policy on train and validation."""
+) -> tuple[Learner, Callable[[Learner], dict[str, float]]]:
+    """Return a fresh learner, and a function that evaluates its policy on train and validation."""
     options = job.options
     spec = spec_of(job)
     train = loader_of(job, data)("train")
@@ -228,26 +208,8 @@ def prepare(
         for split in counts
     }
 
-    def steps(split: str) -> Steps:
-        return load_steps(data[split].filter(labyrinths=options.first_labyrinths), train)
-
-    def exploration() -> Steps:
-        try:
-            return steps("random")
-        except DatasetError as error:
-            reason = f"method={options.method_name} learns from the split random of {data.source}"
-            raise DatasetError(f"{reason}: {error}") from error
-
-    problem = Problem(
-        arrays=train,
-        observations=Observations(train.observations, device),
-        demonstrations=steps("train"),
-        exploration=exploration,
-        spec=spec,
-        rng=np.random.default_rng(job.dataset.seed),
-    )
-
-    def judge(policy: NetworkPolicy) -> dict[str, float]:
+    def judge(learner: Learner) -> dict[str, float]:
+        policy = learner.acting
         player = Player.of(method.player(policy, spec, settings), job.dataset.seed)
         rates = {f"{split}_sr": player.success_rate(each) for split, each in splits.items()}
         return rates | method.figures(policy, **splits)
@@ -259,9 +221,16 @@ def prepare(
             f"train_labyrinths={RunName.FRESH}: new labyrinths may be nearer to those of test than "
             f"splits.min_walls={shown.min_walls} allows; give a dataset with splits.min_walls=1",
         )
-        fresh = FreshLabyrinths(shown, train.spec, job.dataset.seed)
         say(f"Each epoch draws {shown.labyrinths:,} new labyrinths from the bucket of train.")
-        problem = fresh.renewed(replace(problem, renewed=fresh.renewed), 0)
+    problem = Problem.of_dataset(
+        data,
+        train,
+        spec,
+        learner=f"method={options.method_name}",
+        train_labyrinths=options.train_labyrinths,
+        seed=job.dataset.seed,
+        device=device,
+    )
     return method(problem, settings), judge
 
 

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.pictures import DEFAULT_STYLE
 
 INK = "#767676"
 STYLE: dict[Any, Any] = {

@@ -15,7 +15,7 @@ from pathlib import Path
 from labyrinth_core import Dataset, load_policy
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, Results
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.policies.load import RunRecord
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.sums import Sums
 from pipeline.training.method import find
@@ -40,10 +40,11 @@ def main() -> None:
 
 def tried(folder: Path, data: Dataset) -> Results:
     """Return the results of a run with the figures of its method's own trial."""
-    results, record = Results.load(folder / Results.FILE), read_run(folder)
-    if record is None or results.run is None or record["run"]["protocol"] != "authors":
+    results, record = Results.load(folder / Results.FILE), RunRecord.read(folder)
+    made = record and record.content["run"]
+    if made is None or results.run is None or made["protocol"] != "authors":
         raise DatasetError(f"{folder} holds no evaluated run of protocol=authors")
-    method, _ = find(record["run"]["method"], record["run"]["settings"], "authors")
+    method, _ = find(made["method"], made["settings"], "authors")
     policy = load_policy(folder)
     shown = Evaluation.of(policy, data, run=results.run)
     figures = {split: method.as_tried(policy, shown.load(split)) for split in results.splits}

@@ -14,15 +14,17 @@ from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run
 
 from labyrinth_core.evaluation import Results
-from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import outputs_of
+from labyrinth_core.learning.problem import Problem
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.method import find
-from pipeline.training.record import CHECKPOINT, RECORD
+from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
@@ -352,7 +354,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     train.run(run)
     told = " ".join(capsys.readouterr().out.split())
     assert "but method.epochs=1 instead of 5,000, method.batch_size=8 instead of 1" in told
-    record = json.loads((run.training_folder / RECORD).read_text())
+    record = json.loads((run.training_folder / RunRecord.FILE).read_text())
     assert run.training_folder.name == "sqil-cnn-seed0-authors"
     assert {"validation_accuracy", "train_return"} <= record["selected"].keys()
     evaluate.run(run)

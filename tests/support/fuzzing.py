@@ -7,8 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.language import LabyrinthSyntaxError, dump, parse, parse_edges
 from labyrinth_core.world import Labyrinth, LabyrinthError, Placer, Structure, Task
 
 CHARACTERS = [

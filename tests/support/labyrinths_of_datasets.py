@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.language.text import labyrinth_id, parse
+from labyrinth_core.language import labyrinth_id, parse
 from labyrinth_core.world import Task
 
 CONFIGS = {task: "3x4" if task is Task.NAVIGATION else f"3x4-{task}" for task in Task}

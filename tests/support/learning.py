@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import Dataset
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner, Problem
-from labyrinth_core.learning.observations import Observations
+from labyrinth_core.learning.learner import Learner
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning.steps import Observations, load_steps
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 from pipeline.training.method import find

@@ -9,7 +9,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from labyrinth_core.data import COLUMNS
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth
 from support.tampering import manifest_of

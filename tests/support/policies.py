@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 
 from labyrinth_core.learning.spec import (
-    CONFIG,
-    RECORD,
-    WEIGHTS,
     NetworkSpec,
     PlannerSpec,
     PolicySpec,
 )
-from labyrinth_core.policies.record import FORMAT
+from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
 from labyrinth_core.storage import File
+from pipeline.config.training import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
@@ -40,11 +38,11 @@ def lay_out_run(folder, spec, **run):
     for weights in network.parameters():
         torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
     described = {"network": json.dumps(asdict(spec.network))}
-    save_file(network.state_dict(), folder / WEIGHTS, described)
+    save_file(network.state_dict(), folder / PolicySpec.WEIGHTS, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
     method = "bc" if spec.own is None else spec.network.encoder
     content = {
-        "format": FORMAT,
+        "format": RECORD_FORMAT,
         "run": {
             "method": method,
             "encoder": spec.network.encoder,
@@ -64,11 +62,11 @@ def lay_out_run(folder, spec, **run):
         "epochs": 1,
         "selected": {"epoch": 1},
         "history": [{"epoch": 1}],
-        "files": {WEIGHTS: File(folder / WEIGHTS).sha256()},
+        "files": {PolicySpec.WEIGHTS: File(folder / PolicySpec.WEIGHTS).sha256()},
     }
-    spec = PolicySpec.of_run(spec.network, content["run"])
-    (folder / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
-    (folder / RECORD).write_text(json.dumps(content), encoding="utf-8")
+    spec = replace(spec, resize=TrainingOptions(protocol=content["run"]["protocol"]).resize)
+    (folder / PolicySpec.FILE).write_text(json.dumps(spec.to_json()), encoding="utf-8")
+    (folder / RunRecord.FILE).write_text(json.dumps(content), encoding="utf-8")
     return folder
 
 
@@ -139,6 +137,6 @@ def mistaken(arrays, share, seed=0):
 def lay_out_released(folder):
     """Write the planner that was released into a folder, as the Hub would hold it; return it."""
     folder.mkdir(parents=True)
-    shutil.copyfile(RELEASED / "model.safetensors", folder / WEIGHTS)
-    (folder / CONFIG).write_text(json.dumps(RELEASED_SPEC.to_json()), encoding="utf-8")
+    shutil.copyfile(RELEASED / "model.safetensors", folder / PolicySpec.WEIGHTS)
+    (folder / PolicySpec.FILE).write_text(json.dumps(RELEASED_SPEC.to_json()), encoding="utf-8")
     return folder

@@ -15,7 +15,7 @@ import pytest
 from moto.moto_server.werkzeug_app import DomainDispatcherApplication, create_backend_app
 from werkzeug.serving import make_server
 
-from labyrinth_core.storage import RemotePath
+from labyrinth_core.remote import RemotePath
 
 Fault = Callable[[str, str], bool]
 

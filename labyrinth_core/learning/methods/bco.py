@@ -22,8 +22,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.network import ACTIONS, double
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import roll_out, softmax
 
 

@@ -34,9 +34,10 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.adversarial import ActorCritic, Discriminator
 from labyrinth_core.learning.networks.network import ACTIONS, Network, double
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
 
 VALUE_WEIGHT = 0.5
@@ -126,16 +127,16 @@ class Method(Learner):
         """Update the policy in one pass over the visited states; return the mean loss."""
         visited, of_visited = np.unique(samples.states, return_inverse=True)
         batches = self.batches(len(visited))
-        of_batch, place = np.empty((2, len(visited)), np.int64)
+        of_batch, row_in_batch = np.empty((2, len(visited)), np.int64)
         for number, batch in enumerate(batches):
-            of_batch[batch], place[batch] = number, np.arange(len(batch))
+            of_batch[batch], row_in_batch[batch] = number, np.arange(len(batch))
         # The samples of one batch after those of another, each in the order of the rollout.
         in_batches = of_batch[of_visited]
         order = in_batches.argsort(kind="stable")
         bounds = in_batches[order].searchsorted(np.arange(1, len(batches)))
         total = 0.0
         for batch, mine in zip(batches, np.split(order, bounds), strict=True):
-            rows = place[of_visited[mine]]
+            rows = row_in_batch[of_visited[mine]]
             outputs = self.actor(self.see(visited[batch]))[self.tensor(rows)]
             chosen = [self.tensor(each[mine]) for each in samples[1:]]
             losses = policy_loss(self.settings, outputs, *chosen)

@@ -28,8 +28,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.learner import setting
 from labyrinth_core.learning.methods import bco
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import draw, roll_out, softmax
 
 

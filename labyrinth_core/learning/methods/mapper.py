@@ -33,7 +33,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.learner import BaseSettings, Learner, Problem, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.learning.networks.mapping import AROUND, Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import (
@@ -43,10 +43,10 @@ from labyrinth_core.learning.networks.slots import (
     masks_of,
     places_of,
 )
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec
 from labyrinth_core.world import Task
 
 
@@ -119,7 +119,6 @@ class Method(Learner):
     @classmethod
     def player(cls, policy: NetworkPolicy, spec: NetworkSpec, settings: Any) -> MapperPolicy:  # noqa: ARG003
         """Return a policy that plans with the network, and remembers its plan."""
-        assert isinstance(policy, NetworkPolicy)
         assert isinstance(policy.network, Mapper)
         return MapperPolicy(policy.network, spec.height, spec.width)
 
@@ -149,12 +148,12 @@ class Method(Learner):
         """Return the slots of the pictures of states."""
         arrays = self.problem.arrays
         spec = ObservationSpec("image", PICTURE_SIZE, draw=True)
-        found = []
+        slots = []
         for state in states.tolist():
             labyrinth = arrays.labyrinths[arrays.labyrinth[state]]
             view = (labyrinth, labyrinth.state_at(int(arrays.state[state])))
-            found.append(Slots.of(spec.look([view])[0]))
-        return found
+            slots.append(Slots.of(spec.look([view])[0]))
+        return slots
 
     def draw(self, states: NDArray[np.int64], overgrown: int) -> tuple[Tensor, Tensor]:
         """Return varied pictures of states as masks, and the number of the slot that moves in each.
@@ -198,8 +197,8 @@ class Method(Learner):
     def epoch(self) -> dict[str, float]:
         self.policy.train()
         # The rate falls to 0: with a constant rate, the outcome depends on the seed.
-        left = (1 + math.cos(math.pi * self.done / self.settings.epochs)) / 2
-        self.optimizer.param_groups[0]["lr"] = self.settings.learning_rate * left
+        share = (1 + math.cos(math.pi * self.done / self.settings.epochs)) / 2
+        self.optimizer.param_groups[0]["lr"] = self.settings.learning_rate * share
         self.done += 1
         batches = self.batches(len(self.first))
         moves, ends, does = torch.stack([self.learn(batch) for batch in batches]).mean(0).tolist()

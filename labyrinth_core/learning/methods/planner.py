@@ -47,7 +47,7 @@ from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.networks.acting import make_network
 from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.spec import NetworkSpec, PlannerSpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 
 RISE, FALL = 0.05, 0.5
 """The shares of training, at its start and end, in which the learning rate rises and falls."""

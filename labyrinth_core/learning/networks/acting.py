@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -11,11 +13,12 @@ from torch import Tensor, nn
 
 from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.learning.networks.network import Network
+from labyrinth_core.learning.networks.network import Network, usual_defaults
 from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
-from labyrinth_core.pictures.png import DEFAULT_IMAGE_SIZE
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
+from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Task
 
 BATCH = 64
@@ -71,11 +74,69 @@ class NetworkPolicy:
         return array
 
 
-class LoadedPolicy(NetworkPolicy):
-    """The policy of a loaded network."""
+class TrainedPolicy(ABC):
+    """A policy with one of the library's networks, ready for `evaluate`."""
 
+    spec: PolicySpec
+    """The specification, which says what the policy needs to see."""
     run: TrainedRun | None = None
     """The training run that made it, if it is known."""
+
+    @staticmethod
+    def of(spec: PolicySpec, weights: Mapping[str, Tensor]) -> TrainedPolicy:
+        """Return a policy on the CPU.
+
+        Args:
+            spec: The specification of the policy.
+            weights: The weights by name.
+
+        Raises:
+            PolicyError: A name, a shape or a dtype is not that of the specified network.
+        """
+
+        def make() -> nn.Module:
+            return make_network(spec.network, average=spec.average, own=spec.own)
+
+        # On this device no memory is allocated: a specification could ask for any amount.
+        with usual_defaults(), torch.device("meta"):
+            expected = {name: (one.shape, one.dtype) for name, one in make().state_dict().items()}
+        for name in sorted(expected.keys() | weights.keys()):
+            tensor = weights.get(name)
+            actual = None if tensor is None else (tensor.shape, tensor.dtype)
+            if actual != expected.get(name):
+                is_, should_be = map(_described, (actual, expected.get(name)))
+                raise PolicyError(f"{printable_line(name):.200} is {is_}, not {should_be}")
+        with usual_defaults():
+            network = make()
+        network.load_state_dict(weights)
+        network.eval()
+        return (
+            LoadedMapper(network, spec)
+            if isinstance(network, Mapper)
+            else LoadedPolicy(network, spec)
+        )
+
+    @abstractmethod
+    def for_labyrinths(self, height: int, width: int, task: Task) -> TrainedPolicy:
+        """Return the policy for labyrinths of another size than in training.
+
+        Raises:
+            PolicyError: The labyrinths cannot be shown to the policy.
+        """
+
+    @abstractmethod
+    def predict(
+        self,
+        observation: NDArray[Any],
+        state: Any = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = True,
+    ) -> tuple[Any, Any]:
+        """Return actions and the state, as `predict` of Stable-Baselines3 does."""
+
+
+class LoadedPolicy(NetworkPolicy, TrainedPolicy):
+    """The policy of a loaded network: a function from observations to scores."""
 
     def __init__(self, network: nn.Module, spec: PolicySpec) -> None:
         super().__init__(network)
@@ -130,14 +191,8 @@ class LoadedPolicy(NetworkPolicy):
         return actions[0] if one else actions, state
 
 
-class LoadedMapper(MapperPolicy):
-    """The policy of a loaded mapper, for labyrinths of the size it was trained on.
-
-    `for_labyrinths` returns the same policy for labyrinths of another size.
-    """
-
-    run: TrainedRun | None = None
-    """The training run that made it, if it is known."""
+class LoadedMapper(MapperPolicy, TrainedPolicy):
+    """The policy of a loaded mapper, for labyrinths of the size it was trained on."""
 
     def __init__(self, network: Mapper, spec: PolicySpec) -> None:
         super().__init__(network, spec.network.height, spec.network.width)
@@ -189,6 +244,13 @@ class LoadedMapper(MapperPolicy):
             each.act(picture[None])[0] for each, picture in zip(state, pictures, strict=True)
         ]
         return actions[0] if one else np.array(actions), state
+
+
+def _described(tensor: tuple[torch.Size, torch.dtype] | None) -> str:
+    if tensor is None:
+        return "absent"
+    shape, dtype = tensor
+    return f"{str(dtype).removeprefix('torch.')} of shape {tuple(shape)}"
 
 
 def _batch_of(spec: PolicySpec, observation: NDArray[Any]) -> tuple[NDArray[Any], bool]:

@@ -44,7 +44,7 @@ from labyrinth_core.learning.networks.slots import (
     places_of,
 )
 from labyrinth_core.learning.spec import MapperSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.world import Task
 
 AROUND = ((-1, 0), (0, 1), (1, 0), (0, -1), (-1, 1), (1, 1), (1, -1), (-1, -1))
@@ -95,12 +95,12 @@ class Mapper(nn.Module):
         turned = patches + patches.flip(3)
         turned = turned + turned.flip(4)
         turned = (turned + turned.transpose(3, 4)) / 8
-        found = self.shape(turned.flatten(3)) * used[..., None]
-        others = found.sum(1, keepdim=True) - found
-        found = self.beside(torch.cat([found, others], 3)) * used[..., None]
+        features = self.shape(turned.flatten(3)) * used[..., None]
+        others = features.sum(1, keepdim=True) - features
+        features = self.beside(torch.cat([features, others], 3)) * used[..., None]
         count = used.sum(2)
-        mean = found.sum(2) / count.clamp(min=1)[..., None]
-        role = self.role(torch.cat([found.amax(2), mean], 2))
+        mean = features.sum(2) / count.clamp(min=1)[..., None]
+        role = self.role(torch.cat([features.amax(2), mean], 2))
         moves, ends = role[..., :2].masked_fill(count[..., None] == 0, -torch.inf).unbind(2)
         looks = functional.layer_norm(role[..., 2:], role[0, 0, 2:].shape)  # At a useful scale.
         return Roles(moves, ends, looks)

@@ -21,7 +21,7 @@ from torch.nn import functional
 
 from labyrinth_core.learning.networks.network import ACTIONS, as_input, double
 from labyrinth_core.learning.spec import PlannerSpec
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Colour
+from labyrinth_core.pictures import DEFAULT_STYLE, Colour
 
 FAR = 1e9
 """The cost of ending outside the picture."""
@@ -200,8 +200,8 @@ def share_of(image: Tensor, colour: Colour, rows: int, columns: int) -> Tensor:
     If a picture lacks the colour, all positions have the same share.
     """
     same = image.new_tensor(colour).view(3, 1, 1) / 255
-    found = (image - same).abs().amax(1) < SAME_COLOUR
-    share = functional.adaptive_avg_pool2d(found.float(), (rows, columns))
+    has_colour = (image - same).abs().amax(1) < SAME_COLOUR
+    share = functional.adaptive_avg_pool2d(has_colour.float(), (rows, columns))
     total = share.sum((1, 2), keepdim=True)
     share = torch.where(total > 0, share, 1.0)  # In other colours, the agent may be anywhere.
     return share / share.sum((1, 2), keepdim=True).clamp(min=1e-6)

@@ -103,10 +103,10 @@ class Slots(NamedTuple):
         mask = (self.colours == colour)[self.grid]
         along = mask.any(axis=1)[self.rows], mask.any(axis=0)[self.columns]
         cell = 0
-        for there, cells in zip(map(np.flatnonzero, along), (height, width), strict=True):
-            middle = int(there[0] + there[-1] + 1) if there.size else side
-            place = (middle * most - (most - cells) * side) // (2 * side)
-            cell = cell * cells + min(max(place, 0), cells - 1)
+        for pixels, cells in zip(map(np.flatnonzero, along), (height, width), strict=True):
+            middle = int(pixels[0] + pixels[-1] + 1) if pixels.size else side
+            index = (middle * most - (most - cells) * side) // (2 * side)
+            cell = cell * cells + min(max(index, 0), cells - 1)
         return cell
 
     def shifted(self, down: int, right: int) -> Slots:
@@ -149,8 +149,8 @@ def _within(lines: NDArray[np.int64], by: int) -> tuple[NDArray[np.int64], NDArr
         The range of each pixel, ascending, shape (side,); and for each range the first line, the
         line after the last, and the pixel's own line, shape (3, ranges).
     """
-    places = np.arange(len(lines))
-    first, last = (lines[(places + each).clip(0, len(lines) - 1)] for each in (-by, by))
+    pixels = np.arange(len(lines))
+    first, last = (lines[(pixels + shift).clip(0, len(lines) - 1)] for shift in (-by, by))
     ranges = np.stack([first, last + 1, lines], axis=1)
     new = _different(ranges)
     return new.cumsum() - 1, ranges[new].T

@@ -10,7 +10,7 @@ from PIL import Image
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.command.commands import COMMANDS
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.version import __version__
 from labyrinth_core.world import ALGORITHMS, Task
 

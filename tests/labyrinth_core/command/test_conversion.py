@@ -8,8 +8,8 @@ import pytest
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.command.__main__ import main
+from labyrinth_core.language import dump, load
 from labyrinth_core.language.collection import read_collection
-from labyrinth_core.language.text import dump, load
 
 CLOSED = changed(3, 4, 1, BARE)
 """A structure without a route between its corners."""

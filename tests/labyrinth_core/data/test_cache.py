@@ -11,11 +11,12 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
-from labyrinth_core.data import SPLITS, Manifest, load
+from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.data import cache as caching
 from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
 from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.pictures import observations
 from labyrinth_core.storage import LocalFile
 
 NOT_CACHED = "optimal", "columns"
@@ -135,14 +136,14 @@ def test_each_dataset_split_size_and_way_to_make_pictures_has_its_own_cache(
 
 def test_a_version_that_draws_otherwise_makes_its_own_cache(data_dir, cache, monkeypatch):
     for version in (1, 2):
-        monkeypatch.setattr(load, "PICTURES_VERSION", version)
+        monkeypatch.setattr(observations, "PICTURES_VERSION", version)
         load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
         assert len(list(cache.iterdir())) == version
 
 
 def test_other_colours_make_their_own_cache_of_drawn_pictures(data_dir, cache, monkeypatch):
     for count, floor in ((2, "white"), (3, "grey")):
-        monkeypatch.setattr(load, "style_for", lambda *_, floor=floor: floor)
+        monkeypatch.setattr(observations, "style_for", lambda *_, floor=floor: floor)
         for draw in (False, True):
             load_transitions(data_dir, "3x3", image_size=8, draw=draw, cache_dir=cache)
         assert len(list(cache.iterdir())) == count

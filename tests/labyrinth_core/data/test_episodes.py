@@ -14,9 +14,8 @@ from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.stream import stream_episodes
-from labyrinth_core.language.drawing import describe
-from labyrinth_core.language.text import labyrinth_id, parse
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.language import describe, labyrinth_id, parse
+from labyrinth_core.pictures import Painter
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world import Solver
 from pipeline.command.dataset import DemonstrationsConfig

@@ -11,14 +11,9 @@ import pytest
 from support.making import RunConfig, resolve
 from support.s3_server import bucket, memory, server
 
-from labyrinth_core.storage import (
-    File,
-    LocalFile,
-    RemotePath,
-    folder_at,
-)
+from labyrinth_core.remote import RemotePath
+from labyrinth_core.storage import File, LocalFile, folder_at
 from pipeline.config.errors import ConfigError
-from pipeline.machinery.folders import new_file
 
 __all__ = ["bucket", "memory", "server"]
 
@@ -41,7 +36,7 @@ def test_a_folder_is_used_alike_wherever_it_is(folder: Path | RemotePath, tmp_pa
     deeper.mkdir(parents=True, exist_ok=True)
     File(deeper / "one.txt").write_bytes(b"old")
     File(deeper / "one.txt").write_bytes(b"new")
-    with new_file(deeper / "two.txt", tmp_path) as local:
+    with File(deeper / "two.txt").replacing(tmp_path) as local:
         local.write_bytes(b"2")
         assert not (deeper / "two.txt").exists()
     assert [path.name for path in sorted(deeper.iterdir(), key=str)] == ["one.txt", "two.txt"]
@@ -64,7 +59,7 @@ def test_a_file_that_is_not_finished_is_not_there(
     folder: Path | RemotePath, tmp_path: Path
 ) -> None:
     def write_half() -> None:
-        with new_file(folder / "shard", tmp_path) as local:
+        with File(folder / "shard").replacing(tmp_path) as local:
             local.write_bytes(b"half of it")
             raise RuntimeError
 
@@ -80,7 +75,7 @@ def test_a_link_is_replaced_itself_and_a_folder_never(tmp_path: Path, write: str
             File(path).write_bytes(b"new")
             return
         with (
-            new_file(path, tmp_path)
+            File(path).replacing(tmp_path)
             if write == "new_file"
             else LocalFile(path).replacing() as local
         ):
@@ -116,7 +111,7 @@ def test_a_link_that_a_user_names_for_output_leads_to_its_target(tmp_path: Path)
 
 def test_an_error_of_a_full_disk_names_the_file_that_is_written(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    for writing in (LocalFile(path).replacing(), new_file(path, tmp_path)):
+    for writing in (LocalFile(path).replacing(), File(path).replacing(tmp_path)):
         with pytest.raises(OSError, match=r"No space left on device: '.*a\.parquet'"), writing:
             raise OSError(errno.ENOSPC, "No space left on device")
         assert list(tmp_path.iterdir()) == []

@@ -20,8 +20,8 @@ from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from support.strategies import labyrinths
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.language.text import dump, labyrinth_id, parse
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.language import dump, labyrinth_id, parse
+from labyrinth_core.pictures import render
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world import BUCKETS, Action, Labyrinth, Look, Solver, State, Structure, Task
 

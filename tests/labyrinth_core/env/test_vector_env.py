@@ -15,8 +15,8 @@ from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.env.vector_env import LabyrinthVectorEnv
-from labyrinth_core.language.text import dump, parse
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.language import dump, parse
+from labyrinth_core.pictures import render
 from labyrinth_core.world import BatchSampler, Look, Task, sample_labyrinth
 
 NAME = "labyrinth_core.env:Labyrinth-v0"

@@ -21,7 +21,7 @@ from labyrinth_core.evaluation import Player, Results, playing
 from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
 from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Episodes, Scores
-from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures import Looks
 from labyrinth_core.world import Task
 
 every_config = pytest.mark.parametrize("config", CONFIGS.values())

@@ -14,7 +14,7 @@ from labyrinth_core import compare, load_arrays
 from labyrinth_core.data import Drawing, Manifest
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.evaluation.compare import Comparison, log_evidence
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 
 
 def right(observations):

@@ -1,7 +1,7 @@
 """Intervals contain the true mean as often as they promise, also at 0%, at 100% and of few seeds.
 
 The simulation of several seeds, SPL and gaps is a table of docs/studies/results.md, which
-`tests/scripts/results/test_pages.py` makes again in part and holds against the promise.
+`tests/scripts/results/certify/test_pages.py` makes again in part and holds against the promise.
 """
 
 from __future__ import annotations

@@ -14,10 +14,7 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, labyrinth_arrays
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.pictures import looks, observations
-from labyrinth_core.pictures.looks import Looks
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.pictures import PICTURE_SIZE, Looks, ObservationSpec, looks, observations
 from labyrinth_core.world import Look, Solver
 
 

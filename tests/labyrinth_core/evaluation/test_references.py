@@ -14,7 +14,7 @@ from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation import Player
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.world import Solver
 
 

@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from support.wall_grids import BARE, GRID, LABYRINTH, changed, npy
 
-from labyrinth_core.language import collection
+from labyrinth_core.language import collection, dump
 from labyrinth_core.language.collection import read_collection
-from labyrinth_core.language.text import dump
 from labyrinth_core.world import Structure
 
 TEXT = dump(LABYRINTH).encode()

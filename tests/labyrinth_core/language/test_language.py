@@ -8,10 +8,17 @@ from hypothesis import strategies as st
 from support import fuzzing
 
 import labyrinth_core
-from labyrinth_core.language.drawing import draw_text
-from labyrinth_core.language.edge_list import parse_edges
-from labyrinth_core.language.source_text import MAX_TEXT, parse_size
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, labyrinth_id, load, parse
+from labyrinth_core.language import (
+    LabyrinthSyntaxError,
+    draw_text,
+    dump,
+    labyrinth_id,
+    load,
+    parse,
+    parse_edges,
+    parse_size,
+)
+from labyrinth_core.language.source_text import MAX_TEXT
 from labyrinth_core.world import SIDES, TILES, Labyrinth, Solver, Structure, Task, identity
 
 ROOT = Path(__file__).parents[3]

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.language.text import SETTINGS, LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.language import LabyrinthSyntaxError, dump, load, parse
+from labyrinth_core.language.text import SETTINGS
 from labyrinth_core.world import TILES
 
 DATA = Path(__file__).parents[2] / "data"

@@ -9,8 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.language.many import dump_many, parse_many
-from labyrinth_core.language.text import LabyrinthSyntaxError, dump, parse
+from labyrinth_core.language import LabyrinthSyntaxError, dump, dump_many, parse, parse_many
 from labyrinth_core.world import Look, Structure, Structures, Task, sample_labyrinth
 
 

@@ -12,7 +12,8 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 from PIL import Image
 
-from labyrinth_core.pictures.png import Mosaic, PictureDigest, encode, strips_in
+from labyrinth_core.pictures import PictureDigest
+from labyrinth_core.pictures.png import Mosaic, encode, strips_in
 
 WHITE, BLACK = b"\xff\xff\xff", b"\0\0\0"
 

@@ -26,16 +26,10 @@ from support.brute_force import (
 from support.known_labyrinths import KEY_AND_DOOR
 from support.strategies import labyrinths, randoms
 
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
+from labyrinth_core.pictures import DEFAULT_STYLE, MAX_PICTURED_SIDE, PICTURE_SIZE, Painter, render
 from labyrinth_core.pictures.png import strips_of
-from labyrinth_core.pictures.renderer import (
-    DEFAULT_STYLE,
-    MAX_PICTURED_SIDE,
-    PICTURE_SIZE,
-    Painter,
-    Style,
-    render,
-)
+from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.resize import area_average, shrink
 from labyrinth_core.pictures.scenes import draw
 from labyrinth_core.world import Labyrinth, State, Structure, Task, sample_labyrinth

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.pictures.png import PICTURE_SIZE, strips_of
-from labyrinth_core.pictures.renderer import Painter
+from labyrinth_core.pictures import PICTURE_SIZE, Painter
+from labyrinth_core.pictures.png import strips_of
 from labyrinth_core.pictures.resize import REMEMBERED_BYTES, area_average, shrink
 
 

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
+from labyrinth_core.pictures import Painter
 from labyrinth_core.pictures.backdrops import Backdrops
 from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import AGENT_INSET, Painter, style_for
+from labyrinth_core.pictures.renderer import AGENT_INSET, style_for
 from labyrinth_core.pictures.resize import area_average
 from labyrinth_core.pictures.scenes import KeptScenes, draw
 from labyrinth_core.world import (

@@ -7,7 +7,7 @@ from support.brute_force import passages_of, sees, world_of
 from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from support.strategies import labyrinths
 
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.pictures.vector import vector_observation
 from labyrinth_core.world import Task
 

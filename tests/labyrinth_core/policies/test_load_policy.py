@@ -37,15 +37,12 @@ from labyrinth_core.evaluation.answers import fitted
 from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.learning.networks.mapping import MapperPolicy
 from labyrinth_core.learning.spec import (
-    CONFIG,
-    WEIGHTS,
     MapperSpec,
     NetworkSpec,
     PlannerSpec,
     PolicySpec,
 )
-from labyrinth_core.policies.load import MOST_BYTES
-from labyrinth_core.policies.weights import read_tensors
+from labyrinth_core.policies.load import MOST_BYTES, read_tensors
 from labyrinth_core.storage import File
 from labyrinth_core.world import Task
 
@@ -135,8 +132,8 @@ def test_a_policy_comes_back_as_it_was_written(spec: PolicySpec, tmp_path: Path)
 def written(spec: PolicySpec, folder: Path) -> torch.nn.Module:
     """Write a policy with random weights into a folder; return its network."""
     network = make_network(spec.network, average=spec.average, own=spec.own)
-    save_file(network.state_dict(), folder / WEIGHTS)
-    (folder / CONFIG).write_text(json.dumps(spec.to_json()), encoding="utf-8")
+    save_file(network.state_dict(), folder / PolicySpec.WEIGHTS)
+    (folder / PolicySpec.FILE).write_text(json.dumps(spec.to_json()), encoding="utf-8")
     return network
 
 
@@ -164,7 +161,7 @@ def test_a_mapper_comes_back_as_it_was_written_and_is_evaluated(
 ) -> None:
     network: Any = written(MAPPER, tmp_path)
     torch.nn.init.normal_(network.effects)
-    save_file(network.state_dict(), tmp_path / WEIGHTS)
+    save_file(network.state_dict(), tmp_path / PolicySpec.WEIGHTS)
     loaded = load_policy(tmp_path)
     assert loaded.spec == MAPPER
     own = MapperPolicy(network, 3, 3)
@@ -258,7 +255,7 @@ def test_a_mapper_predicts_in_episodes_that_begin_at_different_steps_as_it_acts_
     network, seeded = written(MAPPER, tmp_path), torch.Generator().manual_seed(0)
     for weights in network.parameters():
         torch.nn.init.normal_(weights, generator=seeded)
-    save_file(network.state_dict(), tmp_path / WEIGHTS)
+    save_file(network.state_dict(), tmp_path / PolicySpec.WEIGHTS)
     policy, rng = load_policy(tmp_path), np.random.default_rng(0)
     episodes = []  # Of each the first flag, the picture and the action in each state.
     for _ in range(3):
@@ -323,8 +320,8 @@ def test_a_description_with_a_wrong_value_is_refused_in_one_line(
     content = RELEASED_SPEC.to_json()
     *way, last = place.split(".")
     reduce(dict.__getitem__, way, content)[last] = value
-    (released / CONFIG).write_text(json.dumps(content), encoding="utf-8")
-    check_refused(released, f"{released / CONFIG} describes no policy: {message}")
+    (released / PolicySpec.FILE).write_text(json.dumps(content), encoding="utf-8")
+    check_refused(released, f"{released / PolicySpec.FILE} describes no policy: {message}")
 
 
 @pytest.mark.parametrize(
@@ -339,8 +336,10 @@ def test_a_description_with_a_wrong_value_is_refused_in_one_line(
 def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(
     tmp_path: Path, changed: dict[str, Any], message: str
 ) -> None:
-    (tmp_path / CONFIG).write_text(json.dumps(MAPPER.to_json() | changed), encoding="utf-8")
-    check_refused(tmp_path, f"{tmp_path / CONFIG} describes no policy: {message}")
+    (tmp_path / PolicySpec.FILE).write_text(
+        json.dumps(MAPPER.to_json() | changed), encoding="utf-8"
+    )
+    check_refused(tmp_path, f"{tmp_path / PolicySpec.FILE} describes no policy: {message}")
 
 
 @pytest.mark.parametrize(
@@ -355,8 +354,8 @@ def test_a_mapper_with_a_wrong_value_is_refused_in_one_line(
 def test_a_description_that_is_none_is_refused_in_one_line(
     released: Path, content: bytes, message: str
 ) -> None:
-    (released / CONFIG).write_bytes(content)
-    check_refused(released, f"{released / CONFIG} {message}")
+    (released / PolicySpec.FILE).write_bytes(content)
+    check_refused(released, f"{released / PolicySpec.FILE} {message}")
 
 
 class Evil:
@@ -370,7 +369,7 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
     released: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(released)
-    path = released / WEIGHTS
+    path = released / PolicySpec.WEIGHTS
     right = load_file(path)
     name = sorted(right)[0]
 
@@ -382,7 +381,7 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
     path.write_bytes((2**63).to_bytes(8, "little") + b"{}")
     check_refused(released, f"{path} holds no weights: ")
     with path.open("wb") as file:
-        file.truncate(MOST_BYTES[WEIGHTS] + 1)
+        file.truncate(MOST_BYTES[PolicySpec.WEIGHTS] + 1)
     check_refused(released, f"{path} has 268,435,457 bytes, more than 268,435,456")
     path.unlink()
     check_refused(released, f"{path} does not exist: the folder holds no policy")
@@ -399,8 +398,10 @@ def test_weights_that_are_none_or_of_another_network_are_refused_in_one_line(
 def test_no_memory_is_taken_for_weights_that_a_description_only_claims(released: Path) -> None:
     most = NetworkSpec("mlp", 1000, 1000, "key_and_door")  # 41 gigabytes.
     huge = replace(RELEASED_SPEC, network=most, average=False, own=None)
-    (released / CONFIG).write_text(json.dumps(huge.to_json()), encoding="utf-8")
-    check_refused(released, f"{released / WEIGHTS} is of another network: classifier.0.bias is ")
+    (released / PolicySpec.FILE).write_text(json.dumps(huge.to_json()), encoding="utf-8")
+    check_refused(
+        released, f"{released / PolicySpec.WEIGHTS} is of another network: classifier.0.bias is "
+    )
 
 
 @pytest.fixture
@@ -447,7 +448,7 @@ def test_weights_that_are_no_numbers_end_in_one_line(
         name: torch.full_like(each, value) if each.is_floating_point() else each
         for name, each in network.state_dict().items()
     }
-    save_file(filled, tmp_path / WEIGHTS)
+    save_file(filled, tmp_path / PolicySpec.WEIGHTS)
     with pytest.raises(PolicyError, match=r"\A[^\n]* nan\b[^\n]*\Z"):
         evaluate(load_policy(tmp_path), small_dataset.data_dir, "3x3", splits=["test"])
 
@@ -465,9 +466,9 @@ def test_a_planner_that_would_compute_for_hours_is_refused(
     released: Path, own: PlannerSpec, average: bool, most: int
 ) -> None:
     content = replace(RELEASED_SPEC, own=own, average=average).to_json()
-    (released / CONFIG).write_text(json.dumps(content), encoding="utf-8")
+    (released / PolicySpec.FILE).write_text(json.dumps(content), encoding="utf-8")
     told = f"iterations is {own.iterations}: without path_prior"
-    check_refused(released, f"{released / CONFIG} describes no policy: {told}")
+    check_refused(released, f"{released / PolicySpec.FILE} describes no policy: {told}")
     with pytest.raises(ValueError, match=f"allow at most {most}, as each takes time in every pict"):
         own.require_bounded(average)
     replace(own, iterations=most).require_bounded(average)
@@ -488,9 +489,9 @@ def test_a_file_of_weights_is_read_where_files_cannot_be_mapped(tmp_path: Path) 
 
 
 def test_the_name_of_a_tensor_stays_on_one_line(released: Path) -> None:
-    right = load_file(released / WEIGHTS)
-    save_file({**right, "a\nb" + 999 * "c": torch.zeros(1)}, released / WEIGHTS)
-    check_refused(released, f"{released / WEIGHTS} is of another network: a\\nbccc")
+    right = load_file(released / PolicySpec.WEIGHTS)
+    save_file({**right, "a\nb" + 999 * "c": torch.zeros(1)}, released / PolicySpec.WEIGHTS)
+    check_refused(released, f"{released / PolicySpec.WEIGHTS} is of another network: a\\nbccc")
 
 
 def check_refused(folder: Path | str, message: str) -> None:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from labyrinth_core.learning.networks.slots import (
     Slots,
 )
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, Style, render
+from labyrinth_core.pictures import DEFAULT_STYLE, render
+from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.world import Labyrinth, State, Task, sample_labyrinth
 
 RNG = np.random.default_rng(0)

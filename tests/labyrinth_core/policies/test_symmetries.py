@@ -8,14 +8,14 @@ import pytest
 import torch
 from torch import Tensor, nn
 
-from labyrinth_core.language.text import load
+from labyrinth_core.language import load
 from labyrinth_core.learning.networks.symmetry import (
     SYMMETRIES,
     Averaged,
     transform,
     transformed_actions,
 )
-from labyrinth_core.pictures.renderer import render
+from labyrinth_core.pictures import render
 from labyrinth_core.world import Labyrinth, State, Structure
 
 pytestmark = pytest.mark.slow

@@ -13,7 +13,7 @@ from PIL import Image
 
 from labyrinth_core import Labyrinth, Structure, Task, parse, question, render, sample_labyrinth
 from labyrinth_core import score_answer as score
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.world import Look
 

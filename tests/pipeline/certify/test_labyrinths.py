@@ -20,7 +20,7 @@ from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from pipeline.certify.options import CertifyOptions
 
 

@@ -17,7 +17,6 @@ from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
-from pipeline.training.checkpoint import read_policy
 
 pytestmark = pytest.mark.slow
 
@@ -68,7 +67,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     results = Results.load(folder / "results.json", lambda _: known)
     results.require_dataset(known)
     assert results.run.name == folder.name == results.method.name == "bc-cnn-seed0"
-    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
+    policy = load_policy(folder)
     for split in SPLITS.evaluated:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == Player.of(policy).success_rate(arrays)
@@ -222,7 +221,7 @@ def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     stage.run(trained)
     folder = trained.training_folder
     before = (folder / "results.json").read_bytes()
-    policy = read_policy(folder / "model.safetensors", train.spec_of(trained))
+    policy = load_policy(folder)
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.

@@ -24,7 +24,8 @@ from support.tampering import Rows, content_of, cut_short, episode_starts, ident
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.data import manifest as listing
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
+from labyrinth_core.pictures import state_pictures
 from labyrinth_core.pictures.png import Mosaic, Strip
 from labyrinth_core.storage import LocalFile
 from labyrinth_core.version import build_versions
@@ -107,7 +108,7 @@ class OtherMosaic(Mosaic):
 def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_path: Path) -> None:
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "Mosaic", OtherMosaic)
+        patch.setattr(state_pictures, "Mosaic", OtherMosaic)
         versions = build_versions() | {"png": "Pillow, deflate level 1"}
         patch.setattr(generation, "build_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
@@ -352,7 +353,7 @@ def test_what_another_version_left_is_discarded(
     build: Build, stop_after: Callable[..., Path], tmp_path: Path, small_dataset: Run
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "Mosaic", OtherMosaic)
+        patch.setattr(state_pictures, "Mosaic", OtherMosaic)
         patch.setattr(workplace, "build_versions", lambda: {"png": "another"})
         stop_after(tmp_path, 3)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)

@@ -28,7 +28,7 @@ from support.tampering import (
     with_a_wall_opened,
 )
 
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.world import Labyrinth, Solver, Structure, Task
 from pipeline.generation import check as validation
 

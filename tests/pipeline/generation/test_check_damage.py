@@ -28,7 +28,7 @@ from support.tampering import (
 
 from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.data import manifest as listing
-from labyrinth_core.language.text import dump
+from labyrinth_core.language import dump
 from labyrinth_core.world import Labyrinth, Structure
 from pipeline.generation import check as checking
 

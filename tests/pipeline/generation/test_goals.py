@@ -15,7 +15,7 @@ from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first
 
 from labyrinth_core.data import SPLITS, Manifest
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.world import Task
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 

@@ -17,7 +17,7 @@ from support.tampering import problems, replace_first, rows_of, with_a_wall_open
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Dataset, Manifest
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.world import Labyrinth, Look, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.generation.labyrinths import toggled, walls

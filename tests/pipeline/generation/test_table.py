@@ -25,7 +25,7 @@ from support.making import Run
 from support.tampering import Rows, read_rows
 
 from labyrinth_core.data import SPLITS, TABLE_COLUMNS, Manifest
-from labyrinth_core.language.text import dump, labyrinth_id, parse
+from labyrinth_core.language import dump, labyrinth_id, parse
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.generation import table
 from pipeline.generation.labyrinths import Solution

@@ -10,7 +10,7 @@ from support.making import perform
 from support.planting import labyrinths
 
 from labyrinth_core.data import SPLITS, Manifest
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from support.brute_force import all_structures
 
-from labyrinth_core.language.text import labyrinth_id
+from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.inspection import leakage
 from pipeline.inspection.leakage import find_leakage

@@ -11,7 +11,7 @@ from scipy.spatial.distance import jensenshannon
 from scipy.stats import wasserstein_distance
 
 from labyrinth_core.data import SPLITS, Dataset
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.inspection.analyse import read_contents
 from pipeline.inspection.counts import Content

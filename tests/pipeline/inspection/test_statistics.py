@@ -12,7 +12,7 @@ from support.tampering import cut_short
 
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import dump, parse
+from labyrinth_core.language import dump, parse
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.inspection.statistics import count_dataset
 

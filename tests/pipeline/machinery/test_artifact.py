@@ -21,14 +21,9 @@ from support.renaming import ERRORS, no_folder_is_renamed
 from support.tampering import content_of
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.collection import is_litter
-from labyrinth_core.storage import (
-    AnyPath,
-    File,
-    LocalFile,
-    RemotePath,
-    folder_at,
-)
+from labyrinth_core.listing import is_litter
+from labyrinth_core.remote import RemotePath
+from labyrinth_core.storage import AnyPath, File, LocalFile, folder_at
 from pipeline.machinery import artifact
 from pipeline.machinery.artifact import Ownership, leave, produced
 from pipeline.machinery.sums import HASHES, Sums

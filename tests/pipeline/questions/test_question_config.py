@@ -14,7 +14,7 @@ from support.tampering import content_of
 from labyrinth_core.data import Manifest
 from labyrinth_core.data.load import load_transitions
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.language.text import parse
+from labyrinth_core.language import parse
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import File
 from labyrinth_core.world import Solver

@@ -28,8 +28,8 @@ from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation.evaluate import evaluate
-from labyrinth_core.language.text import dump, parse
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE
+from labyrinth_core.language import dump, parse
+from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import front_matter

@@ -20,8 +20,8 @@ from labyrinth_core import memorised
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data import SPLITS
 from labyrinth_core.data.load import load_episodes
-from labyrinth_core.language.text import dump
-from labyrinth_core.pictures.renderer import DEFAULT_STYLE, PICTURE_SIZE, render
+from labyrinth_core.language import dump
+from labyrinth_core.pictures import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world import (
     TILES,
     Labyrinth,

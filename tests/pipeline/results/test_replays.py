@@ -18,6 +18,7 @@ from labyrinth_core import Dataset, evaluate, open_policy
 from labyrinth_core.evaluation import Description, Evaluation
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from pipeline.results import results as stage
+from pipeline.results.checking import require_replay
 from pipeline.results.options import CheckOptions
 from pipeline.results.results import RefusedError
 
@@ -161,4 +162,4 @@ def test_a_difference_that_a_near_tie_may_explain_is_said_to_be_one(data):
         return np.zeros((len(vectors), 4))
 
     with pytest.raises(ValueError, match="differ by only 0e\\+00 of the greatest, so another mach"):
-        Evaluation.require_replay(results_of(data.source, "3x3", forgetful(3, 3)), undecided, data)
+        require_replay(results_of(data.source, "3x3", forgetful(3, 3)), undecided, data)

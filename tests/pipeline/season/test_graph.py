@@ -15,11 +15,10 @@ from labyrinth_core import evaluate
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.spec import GRAPH
 from labyrinth_core.policies import graph
 from labyrinth_core.policies.graph import GraphPolicy
 from labyrinth_core.policies.graph_process import ASKED
-from labyrinth_core.policies.load import MOST_BYTES
+from labyrinth_core.policies.load import GRAPH, MOST_BYTES
 from pipeline.season.commitment import Season
 from pipeline.season.judge import judged
 from pipeline.season.submission import fetched

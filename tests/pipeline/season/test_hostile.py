@@ -18,7 +18,9 @@ from support.policies import RELEASED, lay_out_run
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.spec import GRAPH, MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.policies import load, opening
+from labyrinth_core.policies.load import GRAPH
 from pipeline.config.errors import ConfigError
 from pipeline.season import judge, submission
 from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Layout, Season
@@ -320,9 +322,17 @@ def test_what_is_no_regular_file_is_not_copied(tmp_path, kind):
 def test_a_file_that_grows_is_copied_up_to_its_limit(tmp_path, monkeypatch):
     path = tmp_path / GRAPH
     path.write_bytes(linear(np.ones((12, 4), np.float32), shape=("b", 2, 2, 3)))
-    monkeypatch.setattr(submission, "MOST_BYTES", {GRAPH: path.stat().st_size - 1})
-    monkeypatch.setattr(submission, "require_regular", lambda *_: None)
-    monkeypatch.setattr("labyrinth_core.policies.load.MOST_BYTES", submission.MOST_BYTES)
+    limit = {GRAPH: path.stat().st_size}
+    monkeypatch.setattr(opening, "MOST_BYTES", limit)
+    monkeypatch.setattr(load, "MOST_BYTES", limit)
+    checked = load.check_size
+
+    def grow(*told):
+        checked(*told)
+        with path.open("ab") as file:
+            file.write(b"more")
+
+    monkeypatch.setattr(opening, "check_size", grow)
     with pytest.raises(DatasetError, match=r"model\.onnx has .* bytes, more than "):
         fetched(str(tmp_path)).__enter__()
 

@@ -19,8 +19,7 @@ from support.crashing import killed_before
 from support.graphs import endless
 
 from pipeline.machinery.sums import HASHES
-from pipeline.season.commitment import Season
-from pipeline.season.files import private_folder
+from pipeline.season.commitment import Season, private_folder
 
 pytestmark = [
     pytest.mark.slow,
@@ -154,7 +153,7 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
         [sys.executable, "-c", JUDGE, str(tmp_path), str(tmp_path / "evil.onnx"), *paths]
     )
     try:
-        graph_of_it = f"graph_process\0{judge.pid}"
+        graph_of_it = f"graph_process.py\0{judge.pid}"
         temporary = tmp_path / "temporary"
         assert waited_for(
             lambda: (

@@ -13,8 +13,9 @@ from safetensors import safe_open
 from support.learning import settings_of
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.methods import bc
+from labyrinth_core.learning.problem import Problem
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress, state_of
 

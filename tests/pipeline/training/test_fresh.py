@@ -17,10 +17,10 @@ from support.making import Run
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.evaluation import Results
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.fresh import FreshLabyrinths
-from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.learner import Learner
+from labyrinth_core.learning.problem import FreshLabyrinths, Problem
 from labyrinth_core.learning.steps import load_steps
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,15 +16,16 @@ from support.learning import settings_of
 from support.making import Run
 
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
-from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import mapper
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.learning.spec import RECORD, WEIGHTS, MapperSpec, NetworkSpec
+from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PolicySpec
 from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
-from labyrinth_core.pictures.renderer import RECOLOURED, Style, render
+from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
+from labyrinth_core.pictures.renderer import Style
+from labyrinth_core.pictures.style import RECOLOURED
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate
 from pipeline.training import train
@@ -61,8 +61,8 @@ def folder(
 
 @pytest.fixture(scope="module")
 def trained(folder: Path) -> Mapper:
-    make = partial(mapper.Method.make, settings=settings_of("mapper"))
-    policy = read_policy(folder / WEIGHTS, NetworkSpec("mapper", 3, 3, "navigation"), make=make)
+    spec, settings = NetworkSpec("mapper", 3, 3, "navigation"), settings_of("mapper")
+    policy = read_policy(folder / PolicySpec.WEIGHTS, mapper.Method, settings, spec)
     assert isinstance(policy.network, Mapper)
     return policy.network.eval()
 
@@ -255,7 +255,7 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
 
 
 def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
-    losses = [row["loss"] for row in json.loads((folder / RECORD).read_bytes())["history"]]
+    losses = [row["loss"] for row in json.loads((folder / RunRecord.FILE).read_bytes())["history"]]
     assert np.mean(losses[-3:]) < np.mean(losses[:3]) / 10
     content = json.loads((folder / "results.json").read_bytes())
     assert content["splits"]["test"]["sr"] >= 0.75

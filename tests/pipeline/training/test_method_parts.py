@@ -13,7 +13,6 @@ from support.learning import settings_of, targets_of
 from torch import nn
 
 from labyrinth_core.learning import learner
-from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import bco, dagger, gail, iupe, sqil
 from labyrinth_core.learning.networks.adversarial import Discriminator
 from labyrinth_core.learning.networks.network import Cnn
@@ -23,6 +22,7 @@ from labyrinth_core.learning.networks.symmetry import (
     transform_examples,
     transformed_actions,
 )
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import Rollout, Steps, draw, roll_out, softmax
 

@@ -13,11 +13,11 @@ from support.learning import equal_weights, states_seen_by
 from torch import nn
 
 from labyrinth_core.evaluation import Player
-from labyrinth_core.learning.learner import Learner, Problem
+from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.steps import Steps
-from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.steps import Observations, Steps
+from labyrinth_core.pictures import Looks
 from pipeline.config.training import METHODS
 from pipeline.training.method import find
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -18,14 +17,13 @@ from torch import nn
 
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.planning import FAR, Bellman
-from labyrinth_core.learning.spec import WEIGHTS, NetworkSpec
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.renderer import render
-from labyrinth_core.policies.record import read_run
+from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.pictures import ObservationSpec, render
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Look, State, Structure
 from pipeline.training.checkpoint import read_policy
 
@@ -138,12 +136,11 @@ def test_it_solves_labyrinths_never_seen(problem_of: Problems, small_dataset: Ru
 
 
 def test_the_released_policy_solves_fresh_labyrinths_and_scores_another_colour_in_numbers() -> None:
-    record = read_run(RELEASED)
+    record = RunRecord.read(RELEASED)
     assert record is not None
-    settings = settings_of("planner", **record["run"]["settings"])
+    settings = settings_of("planner", **record.content["run"]["settings"])
     spec = NetworkSpec("planner", 5, 5, "navigation")
-    make = partial(planner.Method.make, settings=settings)
-    policy = read_policy(RELEASED / WEIGHTS, spec, make=make)
+    policy = read_policy(RELEASED / PolicySpec.WEIGHTS, planner.Method, settings, spec)
     structures = Structure.sample(
         5, 5, np.random.default_rng(2**20), algorithm="wilson", open_walls=0.08
     )

@@ -10,6 +10,7 @@ import torch
 from safetensors.torch import save_file
 
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.learning.networks.network import Network
 from labyrinth_core.learning.spec import NetworkSpec
@@ -51,7 +52,7 @@ def test_the_policy_of_another_network_is_refused_in_one_line(tmp_path: Path) ->
     path = tmp_path / "policy"
     save_policy(path, Network(SPEC).state_dict(), SPEC)
     with pytest.raises(DatasetError) as caught:
-        read_policy(path, NetworkSpec("resnet18", 5, 3, "icy_floor"))
+        read_policy(path, bc.Method, bc.Settings(), NetworkSpec("resnet18", 5, 3, "icy_floor"))
     assert str(caught.value) == (
         f"{path} is a policy with encoder=cnn, not resnet18; height=3, not 5; "
         "task=navigation, not icy_floor"
@@ -70,4 +71,4 @@ def test_what_is_no_policy_is_refused_in_one_line(
     elif content == "weights":
         save_policy(path, {"a": torch.zeros(1)}, SPEC)
     with pytest.raises(DatasetError, match=rf"\A{path} [^\n]*\Z"):
-        read_policy(path, SPEC)
+        read_policy(path, bc.Method, bc.Settings(), SPEC)

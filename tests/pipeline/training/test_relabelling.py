@@ -18,8 +18,8 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
-from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.methods import bc, planner
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world import Episode, Task
 from pipeline.command.dataset import DemonstrationsConfig
@@ -37,7 +37,8 @@ def sampler_of(datasets: Path, task: str) -> ExampleSampler:
 def test_each_part_of_a_route_leads_to_its_goal(datasets: Path, task: str) -> None:
     sampler = sampler_of(datasets, task)
     reversed_parts = 0
-    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
+    for number in range(len(sampler)):
+        episode, parts = sampler.episode(number), sampler.parts(number)
         assert (0, len(episode)) in parts
         for first, last in parts:
             step = 1 if first < last else -1
@@ -70,13 +71,22 @@ def test_all_parts_of_a_route_are_found_and_counted_without_being_held(
     datasets: Path, task: str
 ) -> None:
     sampler = sampler_of(datasets, task)
-    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
+    for number in range(len(sampler)):
+        episode, parts = sampler.episode(number), sampler.parts(number)
         pairs = permutations(range(len(episode) + 1), 2)
         if task == "key_and_door":
             pairs = (pair for pair in pairs if pair[0] < pair[1] and is_episode(episode, *pair))
         assert [*parts] == [*pairs]
         held = [each for each in vars(parts).values() if isinstance(each, np.ndarray)]
         assert max(map(len, held)) <= len(episode) + 2
+
+
+def test_only_the_episodes_that_are_drawn_are_replayed(datasets: Path) -> None:
+    sampler = sampler_of(datasets, "navigation")
+    sampler.draw(2, np.random.default_rng(0), relabel=True, whole=False)
+    replayed = [each.cache_info().currsize for each in (sampler.episode, sampler.parts)]
+    assert replayed == [2, 2]
+    assert len(sampler) > 2
 
 
 @pytest.mark.parametrize("name", ["augment", "average"])
@@ -130,13 +140,15 @@ def test_examples_of_routes_that_err_are_learnt_from_as_they_are_where_none_is_r
     arrays = load_arrays(tmp_path, run.dataset.name, "train")
     sampler = ExampleSampler(arrays)
     steps = load_steps(Dataset.at(run.folder)["train"], arrays)
-    assert len(steps.states) == sum(map(len, sampler.episodes))
-    lasts = np.cumsum([len(episode) for episode in sampler.episodes]) - 1
-    ended = [episode.terminated for episode in sampler.episodes]
+    episodes = [sampler.episode(number) for number in range(len(sampler))]
+    assert len(steps.states) == sum(map(len, episodes))
+    lasts = np.cumsum([len(episode) for episode in episodes]) - 1
+    ended = [episode.terminated for episode in episodes]
     assert arrays.done[steps.states, steps.actions][lasts].tolist() == ended
-    on_ice = [each.states[-1].agent in each.labyrinth.ice for each in sampler.episodes]
+    on_ice = [each.states[-1].agent in each.labyrinth.ice for each in episodes]
     assert any(on_ice) == (task == "icy_floor")
-    for episode, parts in zip(sampler.episodes, sampler.parts, strict=True):
+    for number in range(len(sampler)):
+        episode, parts = sampler.episode(number), sampler.parts(number)
         for first, last in parts:
             ends = {episode.states[first].agent, episode.states[last].agent}
             assert len(ends) == 2

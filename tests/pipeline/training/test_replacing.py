@@ -20,7 +20,8 @@ from support.quick_python import python
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import CONFIG, RECORD, WEIGHTS
+from labyrinth_core.learning.spec import PolicySpec
+from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config.errors import ConfigError
 from pipeline.machinery.artifact import leave
@@ -51,9 +52,9 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> 
 
 def require_finished(folder: Path) -> int:
     """Fail unless a folder holds a whole run; return the number of its epochs."""
-    content = json.loads((folder / RECORD).read_bytes())
+    content = json.loads((folder / RunRecord.FILE).read_bytes())
     assert {name: File(folder / name).sha256() for name in content["files"]} == content["files"]
-    assert WEIGHTS in content["files"]
+    assert PolicySpec.WEIGHTS in content["files"]
     return int(content["epochs"])
 
 
@@ -74,9 +75,9 @@ def test_missing_curves_are_drawn_again_and_changed_ones_are_named(
     printed = " ".join(capsys.readouterr().out.split())
     assert f"{path} was missing, and is drawn again." in printed
     assert f"{path} was damaged or changed: delete it to have it drawn again." in printed
-    (path.parent / WEIGHTS).write_bytes(b"damaged")
+    (path.parent / PolicySpec.WEIGHTS).write_bytes(b"damaged")
     with pytest.raises(
-        DatasetError, match=f"holds {WEIGHTS}, damaged or changed since it was made"
+        DatasetError, match=f"holds {PolicySpec.WEIGHTS}, damaged or changed since it was made"
     ):
         train.run(run)
 
@@ -105,7 +106,14 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert require_finished(folder) == 2
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
-        assert there == [HASHES, CONFIG, CURVES, WEIGHTS, "notes.txt", RECORD]
+        assert there == [
+            HASHES,
+            PolicySpec.FILE,
+            CURVES,
+            PolicySpec.WEIGHTS,
+            "notes.txt",
+            RunRecord.FILE,
+        ]
     assert moments > 15
     assert displaced == 1  # Between the two renames, from which the next run recovers.
 

@@ -19,13 +19,14 @@ from support.making import Run
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import CONFIG, WEIGHTS
+from labyrinth_core.learning.spec import PolicySpec
 from labyrinth_core.pictures import looks
+from labyrinth_core.policies.load import RunRecord
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery.sums import HASHES
 from pipeline.training import train
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES, RECORD
+from pipeline.training.record import BOARD, CHECKPOINT, CURVES
 
 pytestmark = pytest.mark.slow
 
@@ -44,11 +45,11 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run], tmp_path: Path) -> 
 
 
 def weights_of(run: Run) -> bytes:
-    return (run.training_folder / WEIGHTS).read_bytes()
+    return (run.training_folder / PolicySpec.WEIGHTS).read_bytes()
 
 
 def record_of(run: Run) -> dict[str, Any]:
-    record: dict[str, Any] = json.loads((run.training_folder / RECORD).read_text())
+    record: dict[str, Any] = json.loads((run.training_folder / RunRecord.FILE).read_text())
     return record
 
 
@@ -63,10 +64,10 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     assert folder.name == "bc-cnn-seed0"
     assert sorted(path.name for path in folder.iterdir()) == [
         HASHES,
-        CONFIG,
+        PolicySpec.FILE,
         CURVES,
-        WEIGHTS,
-        RECORD,
+        PolicySpec.WEIGHTS,
+        RunRecord.FILE,
     ]
     record = record_of(run)
     assert record["run"]["settings"]["epochs"] == 3
@@ -156,12 +157,14 @@ def test_a_finished_run_is_not_done_again_unless_its_policy_is_gone_and_not_repl
     (run.training_folder / CURVES).unlink()
     train.run(run)
     assert "complete already" in capsys.readouterr().out  # No policy is trained for a picture.
-    (run.training_folder / WEIGHTS).unlink()
+    (run.training_folder / PolicySpec.WEIGHTS).unlink()
     train.run(run)
     assert "made again, because missing: model.safetensors" in capsys.readouterr().out
     assert weights_of(run) == weights
-    (run.training_folder / WEIGHTS).write_bytes(weights + b"?")
-    with pytest.raises(DatasetError, match=f"{WEIGHTS}, damaged or changed .*: give over"):
+    (run.training_folder / PolicySpec.WEIGHTS).write_bytes(weights + b"?")
+    with pytest.raises(
+        DatasetError, match=f"{PolicySpec.WEIGHTS}, damaged or changed .*: give over"
+    ):
         train.run(run)
     assert weights_of(run) == weights + b"?"
     train.run(run_of(overwrite=True))
@@ -174,10 +177,12 @@ def test_overwriting_a_run_keeps_what_is_not_of_it(run_of: Callable[..., Run]) -
     run = run_of()
     folder = run.training_folder
     folder.mkdir(parents=True)
-    (folder / WEIGHTS).write_text("mine")
-    with pytest.raises(DatasetError, match=f"holds {WEIGHTS}, which would be lost: move it"):
+    (folder / PolicySpec.WEIGHTS).write_text("mine")
+    with pytest.raises(
+        DatasetError, match=f"holds {PolicySpec.WEIGHTS}, which would be lost: move it"
+    ):
         train.run(run)
-    (folder / WEIGHTS).unlink()
+    (folder / PolicySpec.WEIGHTS).unlink()
     train.run(run)
     for name in ("notes.txt", CHECKPOINT):
         (folder / name).write_text("mine")

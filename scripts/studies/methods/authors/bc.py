@@ -5,7 +5,7 @@ These include the last row of each episode: the agent on the goal, with the prev
 
 from __future__ import annotations
 
-from labyrinth_core.learning.learner import Problem
+from labyrinth_core.learning.problem import Problem
 
 from .learner import AuthorsLearner, Settings, rows_of
 

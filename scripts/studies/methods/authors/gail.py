@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.learner import Problem
 from labyrinth_core.learning.networks.adversarial import Discriminator
 from labyrinth_core.learning.networks.network import ACTIONS, as_input
+from labyrinth_core.learning.problem import Problem
 
 from . import bc
 from .learner import Settings

@@ -30,8 +30,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.learner import Problem, setting
+from labyrinth_core.learning.learner import setting
 from labyrinth_core.learning.networks.acting import outputs_of
+from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import draw, roll_out, softmax
 
 from . import learner

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import fields, is_dataclass, replace
-from importlib import import_module
 from inspect import isabstract, isclass
 from math import isfinite
 from typing import Any
@@ -13,14 +12,9 @@ import torch
 from torch import nn
 from torch.optim import Optimizer
 
-from labyrinth_core.evaluation import LabyrinthArrays, check_policy
-from labyrinth_core.learning.learner import BaseSettings, Learner, Problem
-from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.observations import Observations
-from labyrinth_core.learning.spec import OWN, NetworkSpec
-from labyrinth_core.learning.steps import Steps, roll_out, steps_along
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.pictures.png import PICTURE_SIZE
+from labyrinth_core.evaluation import check_policy
+from labyrinth_core.learning import BaseSettings, Learner, NetworkSpec, Problem
+from labyrinth_core.pictures import PICTURE_SIZE
 from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 LABYRINTHS = 8
@@ -29,24 +23,12 @@ LABYRINTHS = 8
 SAVED = "networks, optimizers, NumPy arrays and numbers"
 
 
-def settings_class(method: type[Learner]) -> Any:
-    """Return the class of a method's settings.
-
-    It is the class `Settings` of its module or, if that has none, of the module of the method it
-    inherits from; else `BaseSettings`.
-    """
-    declared = (
-        getattr(import_module(each.__module__), "Settings", None) for each in method.__mro__
-    )
-    return next(filter(None, declared), BaseSettings)
-
-
 def check_method(method: Any, settings: Any, height: int, width: int, task: Task) -> None:
     """Check the promises; see `labyrinth_core.testing.check_method`."""
     assert isclass(method), "A method is a class."
     assert issubclass(method, Learner), "A method inherits from labyrinth_core.learning.Learner."
     assert not isabstract(method), "A method has a function epoch(self)."
-    declared = settings_class(method)
+    declared = method.settings_class()
     assert isclass(declared), "Settings is a class."
     assert issubclass(declared, BaseSettings), "Settings inherits from BaseSettings."
     assert is_dataclass(declared), "Settings is a dataclass."
@@ -66,7 +48,7 @@ def check_method(method: Any, settings: Any, height: int, width: int, task: Task
     size = method.image_size(spec, settings, height, width)
     assert 1 <= size <= PICTURE_SIZE, f"image_size is a number of pixels, 1 to {PICTURE_SIZE}."
     training = learner.policy.training
-    policy = method.player(NetworkPolicy(learner.policy), spec, settings)
+    policy = method.player(learner.acting, spec, settings)
     check_policy(policy, height=height, width=width, task=task, image_size=size)
     assert learner.policy.training == training, "Acting restores the mode of the network."
 
@@ -74,7 +56,8 @@ def check_method(method: Any, settings: Any, height: int, width: int, task: Task
 def _trained(method: Any, settings: Any, height: int, width: int, task: Task) -> Learner:
     """Return a method after two epochs, having checked what each returns and changes."""
     learner: Learner = method(_problem(method, settings, height, width, task), settings)
-    before = [each.copy() for each in (learner.problem.arrays.next_state, *_steps(learner))]
+    problem = learner.problem
+    before = [each.copy() for each in (problem.arrays.next_state, *problem.demonstrations)]
     for _ in range(2):
         figures = learner.epoch()
         numbers = isinstance(figures, dict) and {name: float(figures[name]) for name in figures}
@@ -85,43 +68,22 @@ def _trained(method: Any, settings: Any, height: int, width: int, task: Task) ->
             kept = (nn.Module, Optimizer, np.ndarray, int, float)
             if name not in ("problem", "settings"):
                 assert isinstance(value, kept), f"Attributes are {SAVED}: {name} is not."
-    after = (learner.problem.arrays.next_state, *_steps(learner))
+    after = (learner.problem.arrays.next_state, *learner.problem.demonstrations)
     unchanged = all(map(np.array_equal, before, after))
     assert unchanged, "A method does not change what self.problem holds."
     assert isinstance(learner.policy, nn.Module), "self.policy is a PyTorch module."
     return learner
 
 
-def _steps(learner: Learner) -> Steps:
-    return learner.problem.demonstrations
-
-
 def _problem(method: Any, settings: Any, height: int, width: int, task: Task) -> Problem:
-    """Return a small problem: labyrinths with a demonstration each, and a random walk in them."""
+    """Return a small problem: a few labyrinths, with a demonstration each."""
     torch.manual_seed(0)
     rng = np.random.default_rng(0)
     sampled = {sample_labyrinth(height, width, task, rng) for _ in range(4 * LABYRINTHS)}
     labyrinths = sorted(sampled, key=str)[:LABYRINTHS]
     routes = [np.array(Solver(each).shortest_route(rng), np.int64) for each in labyrinths]
     module = method.__module__.rpartition(".")[2]
-    encoder = module if module in OWN else "cnn"
+    encoder = module if module in NetworkSpec.OWN else "cnn"
     spec = NetworkSpec(encoder, height, width, str(task))
     size = method.image_size(spec, settings, height, width)
-    arrays = LabyrinthArrays.of_labyrinths(
-        labyrinths, ObservationSpec("image", size, draw=True), [[each] for each in routes]
-    )
-
-    def walked() -> Steps:
-        uniform = np.full((len(arrays.terminal), 4), 0.25)
-        where, taken = arrays.initial.copy(), np.zeros_like(arrays.initial)
-        rollout = roll_out(arrays, uniform, where, taken, 50, np.random.default_rng(0))
-        return Steps(*rollout.transitions.T)
-
-    return Problem(
-        arrays=arrays,
-        observations=Observations(arrays.observations, "cpu"),
-        demonstrations=steps_along(arrays, arrays.initial, routes),
-        exploration=walked,
-        spec=spec,
-        rng=rng,
-    )
+    return Problem.of_labyrinths(labyrinths, routes, size, spec)

@@ -17,7 +17,7 @@ from pipeline.results.paper import paper_figures
 
 pytestmark = pytest.mark.slow
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[4]
 PAGES = sorted((ROOT / "docs" / "studies").glob("*.md"))
 
 

@@ -1,23 +1,20 @@
-"""Load the policy of a run of the stage `train`, after comparing the run with the options."""
+"""Load the policy of a finished run, after comparing the run with the options."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
-from labyrinth_core.learning.networks.network import usual_defaults
-from labyrinth_core.learning.spec import WEIGHTS, PolicySpec
-from labyrinth_core.pictures.observations import ObservationSpec
-from labyrinth_core.policies.opening import open_policy
-from labyrinth_core.policies.record import read_run, trained_run
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.pictures import ObservationSpec
+from labyrinth_core.policies import RunRecord, open_policy
 from pipeline.config.stage import Job
-from pipeline.evaluation.options import EvaluateOptions
+from pipeline.config.training import TrainingOptions
 from pipeline.training.identity import (
     choose_device,
     identify,
@@ -28,16 +25,16 @@ from pipeline.training.identity import (
 )
 
 
-def require_run(job: Job[EvaluateOptions], folder: Path) -> Mapping[str, Any]:
+def require_run(job: Job[TrainingOptions], folder: Path) -> RunRecord:
     """Return the record of a finished run, which the options describe.
 
     Raises:
         DatasetError: The run is not finished, or was trained with other options.
     """
-    record = read_run(folder)
+    record = RunRecord.read(folder)
     if record is None:
         raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
-    options, about = job.options, record["run"]
+    options, about = job.options, record.content["run"]
     named = identify(job, about["settings"], about["fingerprint"])
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
     require_same(f"{folder} was trained", without_place(about), without_place(named), another)
@@ -51,9 +48,8 @@ def require_run(job: Job[EvaluateOptions], folder: Path) -> Mapping[str, Any]:
     return record
 
 
-@usual_defaults()
 def show(
-    job: Job[EvaluateOptions], folder: Path, data: Dataset, record: Mapping[str, Any] | None = None
+    job: Job[TrainingOptions], folder: Path, data: Dataset, record: RunRecord | None = None
 ) -> tuple[Evaluation, dict[str, Any]]:
     """Return the policy of a run with a dataset, on the chosen device, and the run's key.
 
@@ -61,26 +57,25 @@ def show(
         job: The options.
         folder: The folder of the run.
         data: The dataset that it is evaluated on.
-        record: The record of the run, if it has been read.
+        record: The record of the run, if the options describe it: they name its method, too.
 
     Raises:
         ConfigError: The device does not exist.
         DatasetError: The run is not finished, or damaged.
         PolicyError: The policy cannot be shown the labyrinths of the dataset.
     """
-    device, record = choose_device(job.options), record or read_run(folder)
-    assert record is not None  # Else there was no run.
-    run = trained_run(record, device.type)
-    key = options_of(record["run"])
-    if not job.options.policy and ":" in job.options.method_name:
-        return _of_users_method(job, folder, data, run, record["run"]["settings"]), key
+    device, there = choose_device(job.options), record or RunRecord.read(folder)
+    assert there is not None  # Else there was no run.
+    run, made = there.trained_run(device.type), there.content["run"]
+    if record is not None and ":" in job.options.method_name:
+        return _of_users_method(job, folder, data, run, made["settings"]), options_of(made)
     policy = open_policy(folder)
     policy.network.to(device)
-    return Evaluation.of(policy, data, run=run), key
+    return Evaluation.of(policy, data, run=run), options_of(made)
 
 
 def _of_users_method(
-    job: Job[EvaluateOptions],
+    job: Job[TrainingOptions],
     folder: Path,
     data: Dataset,
     run: TrainedRun,
@@ -100,10 +95,10 @@ def _of_users_method(
 
     options, about, spec = job.options, data.manifest.config, spec_of(job)
     method, settings = find(options.method_name, values, options.protocol)
-    if options.observation == "vector":
-        PolicySpec(spec, average=False).require_fit(about.height, about.width, about.task)
-    make = partial(method.make, settings=settings)
-    policy = read_policy(folder / WEIGHTS, spec, choose_device(options), make)
+    spec.require_same_vectors(about.height, about.width, about.task)
+    policy = read_policy(
+        folder / PolicySpec.WEIGHTS, method, settings, spec, choose_device(options)
+    )
     size = method.image_size(spec, settings, about.height, about.width)
     resize = options.resize
     shape = replace(spec, height=about.height, width=about.width)
