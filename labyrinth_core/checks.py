@@ -1,11 +1,26 @@
-"""The check of an integer that a caller passes."""
+"""What values are allowed: an integer that a caller passes, a declared option or setting."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from math import inf
 from numbers import Integral
 from operator import index
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the declaration of an option or a setting allows."""
+
+    at_least: float | None = None
+    """The minimum of a number; None leaves the number unchecked."""
+    at_most: float = inf
+    one_of: Sequence[object] = ()
+    """The allowed values; of a number, those besides numbers."""
+    like: tuple[str, str] | None = None
+    """A regular expression for the whole text, and a phrase that says what to give."""
 
 
 def whole(

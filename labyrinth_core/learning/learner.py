@@ -18,6 +18,7 @@ from torch.nn import functional
 from torch.nn.utils import clip_grad_norm_
 from torch.optim import Adam
 
+from labyrinth_core.checks import Checks
 from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_defaults
@@ -36,8 +37,8 @@ def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float =
         at_least: The minimum of a number.
         at_most: The maximum of a number.
     """
-    checks: tuple[Any, ...] = (at_least, at_most, [], None)
-    return field(default=default, metadata={"meaning": meaning, "checks": checks})
+    metadata = {"meaning": meaning, "checks": Checks(at_least, at_most)}
+    return field(default=default, metadata=metadata)
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ from labyrinth_core.learning.examples import ExampleSampler
 from labyrinth_core.learning.networks.network import ACTIONS
 from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.learning.steps import Observations, Steps, load_steps, roll_out, steps_along
-from labyrinth_core.pictures.observations import ObservationSpec
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth
 
 WALK = 50

@@ -11,6 +11,7 @@ from math import inf
 from typing import Any, ClassVar, TypedDict, TypeVar
 
 from labyrinth_core import typed
+from labyrinth_core.checks import Checks
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
 from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
@@ -32,7 +33,7 @@ def checked(least: float | None = None, most: float = inf, one_of: Iterable[Any]
         most: The greatest value of a number.
         one_of: The values to choose from, instead of a range.
     """
-    return field(metadata={"checks": (least, most, list(one_of), None)})
+    return field(metadata={"checks": Checks(least, most, [*one_of])})
 
 
 @dataclass(frozen=True)
@@ -259,10 +260,10 @@ def _read(cls: type[Spec], values: Any, name: str) -> Spec:
     """Return the values of a class whose fields `checked` declares."""
     read: Spec = typed.read_as(cls, values, name)
     for each in fields(cls):  # type: ignore[arg-type]
-        least, most, one_of, _ = each.metadata["checks"]
-        value = getattr(read, each.name)
-        if one_of:
-            _require_one_of(f"{name}.{each.name}", value, one_of)
+        checks: Checks = each.metadata["checks"]
+        value, least, most = getattr(read, each.name), checks.at_least, checks.at_most
+        if checks.one_of:
+            _require_one_of(f"{name}.{each.name}", value, checks.one_of)
         elif least is not None and not least <= value <= most:
             told = f"{name}.{each.name} is {value!r:.60}"
             raise ValueError(f"{told}, not a number from {least:g} to {most:g}")

@@ -14,7 +14,7 @@ from labyrinth_core.data import Selection
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.networks.network import MOMENTUM, double
-from labyrinth_core.pictures.looks import Looks
+from labyrinth_core.pictures import Looks
 
 SETTLED_BY = 256
 """The batch size of `settle`, on which the statistics depend."""

@@ -7,12 +7,13 @@ docs/options.md and the checks.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import field, fields, is_dataclass
 from math import inf
 from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
+from labyrinth_core.checks import Checks
 from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
@@ -20,16 +21,6 @@ Options = TypeVar("Options")
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
 _DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6")
 """Patterns of values, and what they allow in words."""
-
-
-@dataclass(frozen=True)
-class Checks:
-    """What the declaration of an option allows; the fields are the arguments of `option`."""
-
-    at_least: float | None
-    at_most: float
-    one_of: Sequence[object]
-    like: tuple[str, str] | None
 
 
 def option(

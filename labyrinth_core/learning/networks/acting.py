@@ -77,6 +77,7 @@ class NetworkPolicy:
 class TrainedPolicy(ABC):
     """A policy with one of the library's networks, ready for `evaluate`."""
 
+    network: Any
     spec: PolicySpec
     """The specification, which says what the policy needs to see."""
     run: TrainedRun | None = None
