@@ -145,7 +145,7 @@ def left(episode):
     to_goal = Solver(episode.labyrinth).distances
     return [to_goal[episode.labyrinth.state_index(state)] for state in episode.states]
 
-column = format.Column.of("steps_to_goal", "int32", "least moves to the goal", left)
+[column] = format.Columns.of(("steps_to_goal", "int32", "least moves to the goal", left))
 *others, info = format.COLUMNS
 format.COLUMNS = format.Columns((*others, column, info))
 format.OTHERS = (column,)

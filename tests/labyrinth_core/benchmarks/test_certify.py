@@ -215,7 +215,7 @@ def test_two_processes_and_another_chunk_give_the_same_certificate(monkeypatch):
 def test_a_process_that_is_lost_is_told_in_one_line():
     job = certification._Job(None, workers=2, progress=False)
     with pytest.raises(CertifyError, match="workers=2: a process was lost"):
-        list(job.map(lambda _: os._exit(1), range(100), "seeds"))
+        list(job.map(lambda _: os._exit(1), range(2 * certification.CHUNK), "seeds"))
 
 
 @pytest.mark.usefixtures("one_interpreter")

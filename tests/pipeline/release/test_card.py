@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import re
+import shlex
 import shutil
 import sys
 import threading
@@ -273,7 +274,7 @@ def test_a_release_is_loaded_by_its_id_and_version(folder):
 def test_the_commands_in_it_make_the_same_datasets(carded):
     lines = text(carded).replace(" \\\n", " ")
     commands = re.findall(r"^labyrinth-datasets (.*)$", lines, re.MULTILINE)
-    made = [composed(*command.split()).dataset for command in commands]
+    made = [composed(*shlex.split(command)).dataset for command in commands]
     assert made == [Manifest.read(carded / name).config for name in (DEFAULT, OTHER)]
 
 
