@@ -45,7 +45,7 @@ def headline() -> str:
     follow = [rank for rank, _ in ranks if rank <= 0.05]
     named = [*dict.fromkeys(name for _, name in ranks)]
     planners, mappers = (
-        _ranked([each["receipt"]["p"] for each in others if each["method"] == method])
+        [each["receipt"]["p"] for each in others if each["method"] == method]
         for method in ("planner", "mapper")
     )
     return (
@@ -55,9 +55,18 @@ def headline() -> str:
         f"{min(points):.1f} to {max(points):.1f} more of 100 states of `test` than these explain, "
         f"{share:.0%} of what a policy would reach that always did. So do {len(follow)} of "
         f"{len(ranks)} networks of {', '.join(named[:-1])} and {named[-1]} (p up to "
-        f"{max(follow):.3f}); the planner (p = {planners}) and the mapper (p = {mappers}) do not. "
+        f"{max(follow):.3f}). {_none_or_some('planner', planners)} and "
+        f"{_none_or_some('mapper', mappers)} are at p up to 0.05. "
         f"The BC networks solve {known:.0%} of `test` where an optimal route was demonstrated and "
         f"{new:.0%} elsewhere; the planner and the mapper all.**"
+    )
+
+
+def _none_or_some(method: str, ranks: Sequence[float]) -> str:
+    """Return how many networks of a method follow their train at p up to 0.05."""
+    return (
+        f"{sum(rank <= 0.05 for rank in ranks)} of {len(ranks)} of the {method} "
+        f"(p = {min(ranks):.3f} to {max(ranks):.3f})"
     )
 
 
