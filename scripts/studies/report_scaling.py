@@ -7,6 +7,7 @@ thousand that it learnt from; of a policy that learnt from fewer, of these alone
 
 from __future__ import annotations
 
+from itertools import product
 from math import fsum
 from typing import NamedTuple
 
@@ -72,30 +73,30 @@ def known(run: Run) -> NDArray[np.bool_]:
 
 
 def rates() -> str:
-    """Return a table of BC by number of labyrinths, with known and new routes apart."""
+    """Return a table by method and number of labyrinths, with known and new routes apart."""
     rows = []
-    for goals in GOALS:
-        for steps in STEPS:
-            for labyrinths, runs in curve(goals, steps).items():
-                of_test, there = solved(runs, "test"), known(runs[0])
-                spl = np.mean([run["splits"]["test"]["spl"] for run in runs])
-                memory = runs[0]["baselines"]["route_memory"]["test"]["sr"]
-                rows.append(
-                    [
-                        goals,
-                        f"{steps:,}",
-                        shown(labyrinths),
-                        str(len(runs)),
-                        whole(solved(runs, "train").mean()),
-                        rate(of_test),
-                        whole(float(spl)),
-                        rate(of_test[:, there]) if there.any() else "",
-                        rate(of_test[:, ~there]) if not there.all() else "",
-                        whole(memory),
-                    ]
-                )
-    heading = ["goals", "steps", "labyrinths", "seeds", "train", "test", "SPL"]
-    return table([*heading, "known routes", "new routes", "*memory*"], rows, "lrrrrrrrrr")
+    for method, goals, steps in product(("bc", "dagger", "iupe", "gail"), GOALS, STEPS):
+        for labyrinths, runs in curve(goals, steps, method).items():
+            of_test, there = solved(runs, "test"), known(runs[0])
+            spl = np.mean([run["splits"]["test"]["spl"] for run in runs])
+            memory = runs[0]["baselines"]["route_memory"]["test"]["sr"]
+            rows.append(
+                [
+                    name_of(method),
+                    goals,
+                    f"{steps:,}",
+                    shown(labyrinths),
+                    str(len(runs)),
+                    whole(solved(runs, "train").mean()),
+                    rate(of_test),
+                    whole(float(spl)),
+                    rate(of_test[:, there]) if there.any() else "",
+                    rate(of_test[:, ~there]) if not there.all() else "",
+                    whole(memory),
+                ]
+            )
+    heading = ["method", "goals", "steps", "labyrinths", "seeds", "train", "test", "SPL"]
+    return table([*heading, "known routes", "new routes", "*memory*"], rows, "llrrrrrrrrr")
 
 
 def new_ends() -> str:
