@@ -151,7 +151,9 @@ def strips_of(png: bytes, size: int) -> list[Strip] | None:
     header, stride = _header(size, size), 3 * size + 1
     chunk = png[len(header) + 4 : -len(_END) - 4]
     *parts, last = chunk[len(_DATA_START) : -4].split(_FLUSH)
-    if not chunk.startswith(_DATA_START) or last != _LAST_BLOCK or png != _file(header, chunk):
+    if not parts or not chunk.startswith(_DATA_START) or last != _LAST_BLOCK:
+        return None
+    if png != _file(header, chunk):
         return None
     pieces: list[Piece] = []
     bands: list[Band] = []
@@ -167,9 +169,9 @@ def strips_of(png: bytes, size: int) -> list[Strip] | None:
             bands[-1] = (bands[-1][0], bands[-1][1] + piece.length // stride)
         else:
             return None
-    if sum([piece.length for piece in pieces]) != size * stride:
+    below, a, b = _sums(pieces)
+    if below[0] + pieces[0].length != size * stride:
         return None
-    _, a, b = _sums(pieces)
     is_sound = chunk[-4:] == _SUMS.pack(b % _ADLER_MODULUS, a % _ADLER_MODULUS)
     return [(band,) for band in bands] if is_sound else None
 
