@@ -1,4 +1,4 @@
-"""`LabyrinthEnv`: the labyrinth as a Gymnasium environment, a thin layer over `dynamics`.
+"""`LabyrinthEnv`: the labyrinth as a Gymnasium environment, a thin layer over `Labyrinth`.
 
     gymnasium.make("labyrinth_core.env:Labyrinth-v0", size=5, task="key_and_door")
 
@@ -46,7 +46,7 @@ SHOWN_HERE = [mode for mode in RENDER_MODES if mode != "human" or find_spec("pyg
 class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
     """An agent moves through a labyrinth from the start to the goal.
 
-    Actions: 0 up, 1 right, 2 down, 3 left. Rewards and ends of episodes are those of `dynamics`.
+    Actions: 0 up, 1 right, 2 down, 3 left. Rewards and ends of episodes are those of `Labyrinth`.
     An episode is truncated after `40 * width * height` steps.
 
     Each `reset` samples a new labyrinth, unless the constructor was given one or some. All
@@ -89,8 +89,9 @@ class LabyrinthEnv(gymnasium.Env[Observation, np.int64]):
             size: Rows and columns, as `5`, `"4x6"` or `(4, 6)`, height first.
             task: A `Task` or its name.
             observation: `image`, as `renderer.render` draws it; `vector`, as in
-                `vector.vector_observation`; or `state`, the index of the state in `dynamics`, which
-                says nothing about the walls: for tabular methods on one labyrinth.
+                `vector.vector_observation`; or `state`, the index of the state, as
+                `Labyrinth.state_index` gives it, which says nothing about the walls: for tabular
+                methods on one labyrinth.
             image_size: Pixels on each side of the image.
             labyrinth: A labyrinth for every episode: its text, the path of a file, or a
                 `Labyrinth`. Its size and task replace `size` and `task`.

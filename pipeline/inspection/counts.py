@@ -32,7 +32,7 @@ class Route(NamedTuple):
     solver: Solver
     """The labyrinth, solved."""
     states: Sequence[int]
-    """The T + 1 states visited, as `dynamics` numbers them: modulo the cells, the agent's cell."""
+    """The T + 1 states visited, as `Labyrinth` numbers them: modulo the cells, the agent's cell."""
     actions: Sequence[int]
     """The T actions taken."""
     returned: float
