@@ -154,7 +154,7 @@ def random_figures(arrays: LabyrinthArrays) -> dict[str, float]:
         return _unstepped_figures(walk, arrays)
     penalty = RULES.step_penalty / arrays.cells
     solved = within = spl = mean = square = 0.0
-    alive = walk.begun
+    alive = walk.begun.copy()
     for step in range(arrays.step_limit):
         ending, returns = alive[walk.last] / 4, walk.paid - penalty * step
         reaching = ending[walk.goals]

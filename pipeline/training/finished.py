@@ -31,9 +31,7 @@ def require_run(job: Job[TrainingOptions], folder: Path) -> RunRecord:
     Raises:
         DatasetError: The run is not finished, or was trained with other options.
     """
-    record = RunRecord.read(folder)
-    if record is None:
-        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    record = _record_in(folder)
     options, about = job.options, record.content["run"]
     named = identify(job, about["settings"], about["fingerprint"])
     another = ": move it elsewhere, or replace it with stages=train overwrite=true"
@@ -64,14 +62,20 @@ def show(
         DatasetError: The run is not finished, or damaged.
         PolicyError: The policy cannot be shown the labyrinths of the dataset.
     """
-    device, there = choose_device(job.options), record or RunRecord.read(folder)
-    assert there is not None  # Else there was no run.
-    run, made = there.trained_run(device.type), there.content["run"]
+    device, found = choose_device(job.options), record or _record_in(folder)
+    run, made = found.trained_run(device.type), found.content["run"]
     if record is not None and ":" in job.options.method_name:
         return _of_users_method(job, folder, data, run, made["settings"]), options_of(made)
     policy = open_policy(folder)
     policy.network.to(device)
     return Evaluation.of(policy, data, run=run), options_of(made)
+
+
+def _record_in(folder: Path) -> RunRecord:
+    record = RunRecord.read(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    return record
 
 
 def _of_users_method(
