@@ -16,7 +16,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_typ
 
 import numpy as np
 
-from labyrinth_core.terminal import printable_line
+from labyrinth_core.errors import printable_line
 
 MOST = 10**15
 """No number in our files is larger; JavaScript, on the report's page, holds it exactly."""

@@ -35,14 +35,14 @@ def of_library(*rooms: str) -> tuple[str, ...]:
     return tuple(f"labyrinth_core.{room}" for room in rooms)
 
 
-GROUND = of_library("errors", "storage", "remote", "folders", "hub", "typed")
+GROUND = of_library("storage", "remote", "folders", "hub", "typed")
 """Modules in no room, on which all rooms from the data on stand."""
 
 ROOMS = {
     "labyrinth_core.errors": (),
-    "labyrinth_core.hub": of_library("errors"),
-    "labyrinth_core.storage": of_library("errors", "remote"),
-    "labyrinth_core.remote": of_library("errors", "hub"),
+    "labyrinth_core.hub": (),
+    "labyrinth_core.storage": of_library("remote"),
+    "labyrinth_core.remote": of_library("hub"),
     "labyrinth_core.folders": of_library("storage", "remote"),
     "labyrinth_core.typed": of_library("language"),
     "labyrinth_core.world": (),
@@ -86,7 +86,7 @@ ROOMS = {
 """Room -> what it may import of the project, besides itself. A package's own modules, such as
 `pipeline.__main__`, are under the name of the package."""
 
-FOR_ALL = of_library("version", "checks", "doors", "terminal", "listing")
+FOR_ALL = of_library("version", "checks", "doors", "errors", "listing")
 """Modules that every room may import."""
 
 DOORS = (

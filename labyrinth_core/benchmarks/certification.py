@@ -31,7 +31,7 @@ from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
 from labyrinth_core.benchmarks.repeats import CHECKED, check_seeds
 from labyrinth_core.benchmarks.seeds import Seeds, evenly, seeds_of, text_of
 from labyrinth_core.benchmarks.spread import MOST_SEEDS, Ranges
-from labyrinth_core.terminal import printable
+from labyrinth_core.errors import printable
 
 CHUNK = 100
 """The number of seeds that are looked at in one environment."""

@@ -7,7 +7,7 @@ import sys
 from collections.abc import Sequence
 
 from labyrinth_core.command.arguments import ERRORS, explain, parser
-from labyrinth_core.terminal import escape_output
+from labyrinth_core.errors import escape_output
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

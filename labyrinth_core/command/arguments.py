@@ -8,8 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NoReturn
 
+from labyrinth_core.errors import printable, printable_line
 from labyrinth_core.language import LabyrinthSyntaxError, parse_size
-from labyrinth_core.terminal import printable, printable_line
 from labyrinth_core.version import __version__
 from labyrinth_core.world import LabyrinthError, Task
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from labyrinth_core.command.arguments import ERRORS, ROUTES, RequestError, explain
 from labyrinth_core.command.conversion import convert
+from labyrinth_core.errors import printable_line
 from labyrinth_core.language import (
     Collection,
     LabyrinthSyntaxError,
@@ -25,7 +26,6 @@ from labyrinth_core.language import (
 )
 from labyrinth_core.pictures import MAX_PICTURED_SIDE, Painter, animate, render
 from labyrinth_core.storage import File, LocalFile
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import (
     ALGORITHMS,
     Action,

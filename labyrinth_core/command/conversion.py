@@ -8,8 +8,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from labyrinth_core.command.arguments import RequestError
+from labyrinth_core.errors import printable_line
 from labyrinth_core.language import Collection
-from labyrinth_core.terminal import printable_line
 
 PROBLEMS_SHOWN = 10
 """The most problems to print."""

@@ -25,9 +25,9 @@ from labyrinth_core.data.location import folder_of
 from labyrinth_core.data.manifest import Manifest, Shard
 from labyrinth_core.data.selection import Step, chosen, unlike_shards
 from labyrinth_core.data.splits import SPLITS, is_of_train
+from labyrinth_core.errors import printable_line
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.storage import AnyPath
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Labyrinth
 
 if TYPE_CHECKING:

@@ -25,12 +25,11 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
 from labyrinth_core.data.splits import SPLITS
-from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line, printable
 from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.terminal import printable
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile

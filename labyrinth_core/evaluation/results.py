@@ -15,7 +15,7 @@ import numpy as np
 
 from labyrinth_core import typed
 from labyrinth_core.data import SPLITS
-from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line, printable_line
 from labyrinth_core.evaluation.baselines import REPLANNERS, WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
 from labyrinth_core.evaluation.known import KnownDataset
@@ -31,7 +31,6 @@ from labyrinth_core.evaluation.scores import OUTCOMES, Scores, interval, over_se
 from labyrinth_core.language import parse_size
 from labyrinth_core.listing import files_in
 from labyrinth_core.storage import File, LocalFile
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.version import __version__
 
 COLUMNS = 80

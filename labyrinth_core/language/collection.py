@@ -19,11 +19,11 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from labyrinth_core.errors import printable_line
 from labyrinth_core.language.source_text import LabyrinthSyntaxError, decode
 from labyrinth_core.language.text import dump, parse
 from labyrinth_core.language.wall_grid import SIZES, from_connections, from_grid
 from labyrinth_core.listing import files_in, why_unreadable
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Labyrinth, LabyrinthError, Structure
 
 MAX_BYTES = 1 << 28

@@ -12,7 +12,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import BinaryIO, NoReturn
 
-from labyrinth_core.terminal import printable_line
+from labyrinth_core.errors import printable_line
 from labyrinth_core.world import SIDES, LabyrinthError
 
 MAX_TEXT = 32 * 1024 * 1024

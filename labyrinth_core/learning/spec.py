@@ -12,8 +12,8 @@ from typing import Any, ClassVar, TypedDict, TypeVar
 
 from labyrinth_core import typed
 from labyrinth_core.checks import Checks
+from labyrinth_core.errors import printable_line
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, PICTURE_SIZE
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import SIDES, Task
 
 KIND = "labyrinth-policy"

@@ -11,11 +11,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line, printable_line
 from labyrinth_core.language import Collection, parse
 from labyrinth_core.listing import files_in
 from labyrinth_core.storage import AnyPath
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of

@@ -22,7 +22,7 @@ def main() -> int:
     """Run the command line and return the exit status, 1 after an error."""
     answer_signals(end_interrupted)  # Imports take seconds, and may swallow exceptions.
     try:
-        from labyrinth_core.terminal import escape_output
+        from labyrinth_core.errors import escape_output
 
         escape_output()
         show_start()

@@ -22,9 +22,8 @@ from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from yaml import YAMLError
 
-from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.errors import DatasetError, one_line, printable
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.terminal import printable
 from labyrinth_core.version import __version__
 from pipeline.command.command_line import (
     HYDRA,

@@ -23,10 +23,9 @@ from labyrinth_core.data import (
     DatasetConfig,
     Manifest,
 )
-from labyrinth_core.errors import MALFORMED, DatasetError, one_line
+from labyrinth_core.errors import MALFORMED, DatasetError, one_line, printable_line
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.terminal import printable_line
 from pipeline.inspection.companions import Companion
 from pipeline.machinery.console import say
 

@@ -20,11 +20,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path, PurePath
 from typing import Any
 
-from labyrinth_core.errors import DatasetError
+from labyrinth_core.errors import DatasetError, printable_line
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.terminal import printable_line
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import Place, held, within
 from pipeline.machinery.sums import HASHES, UNKNOWN, Key, Sums, hash_of

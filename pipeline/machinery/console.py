@@ -23,7 +23,7 @@ from rich.progress import (
 from rich.table import Table
 from rich.text import Text
 
-from labyrinth_core.terminal import printable
+from labyrinth_core.errors import printable
 
 Item = TypeVar("Item")
 

@@ -6,9 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.errors import DatasetError
+from labyrinth_core.errors import DatasetError, printable_line
 from labyrinth_core.evaluation import Description, Results, TrainedRun
-from labyrinth_core.terminal import printable_line
 from pipeline.config.options import ResultsFolderOption
 from pipeline.machinery.artifact import Ownership
 from pipeline.machinery.sums import Sums

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from labyrinth_core.errors import printable_line
 from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.network import Network, usual_defaults
@@ -18,7 +19,6 @@ from labyrinth_core.learning.networks.planning import Planner
 from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
-from labyrinth_core.terminal import printable_line
 from labyrinth_core.world import Task
 
 BATCH = 64
