@@ -39,7 +39,6 @@ GROUND = of_library("storage", "remote", "folders", "hub", "typed")
 """Modules in no room, on which all rooms from the data on stand."""
 
 ROOMS = {
-    "labyrinth_core.errors": (),
     "labyrinth_core.hub": (),
     "labyrinth_core.storage": of_library("remote"),
     "labyrinth_core.remote": of_library("hub"),
