@@ -43,8 +43,7 @@ from pipeline.generation.table import (
     read_schema,
     table_part,
 )
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.counts import routes_of
+from pipeline.inspection import Companion, routes_of
 from pipeline.machinery.console import say, tracked
 from pipeline.machinery.executor import ordered_map
 

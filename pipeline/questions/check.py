@@ -11,7 +11,7 @@ from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.questions import QUESTION_COLUMNS, question
 from labyrinth_core.version import build_versions
-from pipeline.inspection.counts import routes_of
+from pipeline.inspection import routes_of
 from pipeline.machinery.executor import ordered_map
 
 GROUP_ROWS = 256

@@ -21,7 +21,7 @@ from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
 from pipeline.config.stage import Job
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.inspection import DatasetStatistics, statistics_of
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say
 from pipeline.machinery.folders import within

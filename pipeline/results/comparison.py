@@ -16,7 +16,7 @@ from math import comb
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.inspection.shift import holm
+from pipeline.inspection import holm
 from pipeline.machinery.markdown import count
 
 RESAMPLES = 10_000
