@@ -28,8 +28,8 @@ import safetensors.torch  # noqa: F401  Imported before forking, so that each st
 from kill_matrix import clear_memory, finish, hashes, started
 
 from pipeline.command.composed import ALL, resolve
-from pipeline.config.stage import Job
-from pipeline.machinery.sums import HASHES
+from pipeline.config import Job
+from pipeline.machinery import Sums
 from pipeline.season.commitment import Layout, Season
 from pipeline.season.options import SeasonOptions, SeasonStageOptions
 
@@ -106,8 +106,8 @@ def ends_right(stage: str, folder: Path, names: dict[str, str]) -> bool:
         same = found.keys() == names.keys()
     else:
         same = found == names
-    check = ["sha256sum", "--check", "--quiet", "--strict", HASHES]
-    lists = [path.parent for path in (folder / "seasons").rglob(HASHES)]
+    check = ["sha256sum", "--check", "--quiet", "--strict", Sums.FILE]
+    lists = [path.parent for path in (folder / "seasons").rglob(Sums.FILE)]
     confirmed = all(subprocess.run(check, cwd=each, check=False).returncode == 0 for each in lists)
     return same and confirmed and not any(temporary().iterdir())
 

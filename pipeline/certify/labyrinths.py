@@ -19,8 +19,7 @@ from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage, id_of
 from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
+from pipeline.machinery import leave, say, tracked
 
 
 def certify_labyrinths(

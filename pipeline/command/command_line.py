@@ -22,8 +22,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from pipeline.command.composed import ALL, CONF, DEFAULTS, KINDS, OPTIONS, SECTIONS, usual_settings
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
-from pipeline.config.training import METHODS
+from pipeline.config import ConfigError, TrainingOptions, as_typed, check
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
 """The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""
@@ -206,10 +205,10 @@ def _no_option(name: str) -> str:
     """Return the message about an option that does not exist: its likely name, or those known."""
     group, _, _ = name.rpartition(".")
     known = [each for each in OPTIONS if group and each.startswith(f"{group}.")]
-    message = no_option(name, known or OPTIONS)
+    message = str(ConfigError.no_option(name, known or OPTIONS))
     if known or "did you mean" in message:
         return message
-    if any(name in usual_settings(method) for method in METHODS):
+    if any(name in usual_settings(method) for method in TrainingOptions.METHODS):
         return f"{name} is not an option: did you mean method.{name}?"
     return f"{name} is not an option: --help lists the options"
 
@@ -218,7 +217,7 @@ def refusal(error: Exception) -> str:
     """Return one line that explains why Hydra refused a command line."""
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
         group, _, chosen = error.missing_cfg_file.partition("/")
-        return f"{group}={chosen}: choose one of {listed(error.options)}"
+        return f"{group}={chosen}: choose one of [{', '.join(error.options)}]"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown and unknown[1] in OPTIONS:

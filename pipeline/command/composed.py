@@ -23,11 +23,18 @@ from labyrinth_core.data import Manifest
 from labyrinth_core.storage import folder_at
 from pipeline.command.dataset import DatasetOptions, dataset_config
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError, check, literal, no_option
-from pipeline.config.option import check_options, frozen, option
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
-from pipeline.config.stage import Job
-from pipeline.config.training import METHODS, TrainingOptions
+from pipeline.config import (
+    ConfigError,
+    Job,
+    ResultFolderOptions,
+    TrainingOptions,
+    WorkOptions,
+    check,
+    check_options,
+    frozen,
+    literal,
+    option,
+)
 
 _INSTALLED = Path(__file__).parents[1] / "conf"
 CONF = (_INSTALLED if _INSTALLED.is_dir() else Path(__file__).parents[2] / "conf").absolute()
@@ -59,7 +66,7 @@ class CommandOptions(WorkOptions, DataFolderOption):
 
 
 @dataclass(frozen=True)
-class _Folders(CommandOptions, ResultsFolderOption, RunFolderOption):
+class _Folders(CommandOptions, ResultFolderOptions):
     """The options below the second heading of `--help`."""
 
 
@@ -211,11 +218,12 @@ def chosen_method(values: Mapping[str, Any], typed: Container[str]) -> dict[str,
         f"method._target_={target}: give the class of a method as module.Class",
     )
     name = TrainingOptions.name_of(target)
-    if name in METHODS:
+    if name in TrainingOptions.METHODS:
         usual = usual_settings(name)
         for key in settings:
             known = [f"method.{each}" for each in usual]
-            check(key in usual, no_option(f"method.{key}", known))
+            if key not in usual:
+                raise ConfigError.no_option(f"method.{key}", known)
         settings = {
             key: value
             for key, value in settings.items()

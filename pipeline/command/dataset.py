@@ -7,8 +7,7 @@ from dataclasses import dataclass, fields, replace
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.language import parse_size
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Task, default_open_walls
-from pipeline.config.errors import ConfigError, listed
-from pipeline.config.option import check_options, option
+from pipeline.config import ConfigError, check_options, option
 
 ALL_SHIFTS = "all"
 """The value of `shifts` that stands for every shift that the other options allow."""
@@ -115,6 +114,6 @@ def _shifts(config: DatasetConfig, named: tuple[str, ...]) -> tuple[str, ...]:
         return tuple(name for name in SPLITS.shifts if config.why_no(name) is None)
     if ALL_SHIFTS in named:
         raise ValueError(
-            f"shifts={listed(named)}: give all alone, or some of {listed(SPLITS.shifts)}"
+            f"shifts=[{', '.join(named)}]: give all alone, or some of [{', '.join(SPLITS.shifts)}]"
         )
     return tuple(name for name in SPLITS.shifts if name in named)

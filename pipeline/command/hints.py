@@ -11,7 +11,7 @@ from typing import Any
 
 from pipeline.command.composed import GROUPS, KINDS, SHARED
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import as_typed
+from pipeline.config import as_typed
 
 
 def next_command(

@@ -39,6 +39,7 @@ from pipeline.command.command_line import (
 from pipeline.command.composed import CONF, GROUPS, as_file, names_in, options_of, resolve, unused
 from pipeline.command.ending import (
     FAULTS_OF_DISKS,
+    GOES_ON,
     answer_signals,
     end_interrupted,
     end_without_output,
@@ -48,10 +49,8 @@ from pipeline.command.ending import (
 from pipeline.command.hints import next_command
 from pipeline.command.stages import STAGES
 from pipeline.command.texts import as_given, overrides_of
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.console import say, say_once
-from pipeline.machinery.executor import cluster
-from pipeline.machinery.workers import GOES_ON
+from pipeline.config import ConfigError
+from pipeline.machinery import cluster, say
 
 INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 
@@ -182,7 +181,7 @@ def _outcome(config: DictConfig) -> float | None:
         raise ConfigError(refusal(error)) from error
     if lost := unused(typed, options):
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
-        say_once(f"No requested stage uses {'; '.join(users)}.")
+        say(f"No requested stage uses {'; '.join(users)}.", once=True)
     named = not {"size", "task"}.isdisjoint(typed)
     jobs = resolve(options, names_dataset=named, composed=partial(as_file, config))
     modules = {stage: import_module(STAGES[stage].module) for stage in jobs}

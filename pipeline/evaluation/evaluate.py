@@ -17,13 +17,10 @@ from labyrinth_core.evaluation import Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language import labyrinth_id
 from labyrinth_core.pictures import animate
 from labyrinth_core.world import Solver
-from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job, check
 from pipeline.evaluation.named import Named, find_policy
 from pipeline.evaluation.options import EvaluateOptions
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, say_once, tracked
-from pipeline.machinery.folders import within
+from pipeline.machinery import leave, say, tracked, within
 
 ATTEMPTS = "attempts"
 """The folder of animated GIFs, inside the folder of the results."""
@@ -54,7 +51,7 @@ def run(job: Job[EvaluateOptions]) -> None:
     if results.memorised:
         say(f"{results.memorised}\n")
     for part in results.legend():
-        say_once(part)
+        say(part, once=True)
     say(str(path))
 
 

@@ -16,11 +16,9 @@ from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
 from labyrinth_core.policies import PolicyNameError, RunRecord, open_policy
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Ownership
-from pipeline.machinery.sums import Sums
+from pipeline.machinery import Ownership, Sums
 
 INSTEAD, OTHER_RUNS = "choose another evaluation.name", "choose another run_dir"
 

@@ -31,8 +31,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
 from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
@@ -47,10 +46,7 @@ from pipeline.generation.structures import check_capacity, sample
 from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
-from pipeline.machinery.markdown import count
+from pipeline.machinery import count, held, ordered_map, say, tracked
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""

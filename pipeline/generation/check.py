@@ -23,8 +23,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.generation.check_rows import (
     CheckJob,
     Problem,
@@ -45,8 +44,7 @@ from pipeline.generation.table import (
 )
 from pipeline.inspection.companions import Companion
 from pipeline.inspection.counts import routes_of
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
+from pipeline.machinery import ordered_map, say, tracked
 
 PROBLEMS_SHOWN = 20
 

@@ -8,15 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from labyrinth_core.data import SPLITS, Dataset, Manifest
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.inspection.counts import Content
 from pipeline.inspection.leakage import find_leakage
 from pipeline.inspection.shift import PERMUTATIONS, compare
 from pipeline.inspection.statistics import DatasetStatistics, count_dataset
 from pipeline.inspection.verdict import as_text, leaks
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
+from pipeline.machinery import leave, say
 
 
 def run(job: Job[WorkOptions]) -> None:

@@ -18,9 +18,7 @@ from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection import front_matter
 from pipeline.inspection.counts import Content, SplitCounts, count_shard
 from pipeline.inspection.leakage import Certificate, Keys, certify
-from pipeline.machinery.console import tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Sums, ordered_map, tracked
 
 MOST_NAMED = 20
 """The maximum number of shared labyrinths listed per pair of splits and kind."""
@@ -182,7 +180,7 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
             return None
         sums = Sums.read(data.folder)
         if Manifest.ANALYSIS in dict(sums.hashes) and not sums.has(Manifest.ANALYSIS):
-            raise ValueError(f"its sha256 is not the one in {HASHES}")
+            raise ValueError(f"its sha256 is not the one in {Sums.FILE}")
         analysis: _Analysis = typed.read_as(_Analysis, content)
         leakage = analysis["leakage"]
         for pair in leakage["pairs"]:

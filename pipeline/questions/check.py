@@ -12,7 +12,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.questions import QUESTION_COLUMNS, question
 from labyrinth_core.version import build_versions
 from pipeline.inspection.counts import routes_of
-from pipeline.machinery.executor import ordered_map
+from pipeline.machinery import ordered_map
 
 GROUP_ROWS = 256
 """The rows of a row group, about 3 MB."""

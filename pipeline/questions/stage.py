@@ -15,13 +15,9 @@ from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import build_versions
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
+from pipeline.machinery import held, ordered_map, produced, say, tracked
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 

@@ -18,10 +18,8 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Evaluation, KnownDataset, Results, TrainedRun
 from labyrinth_core.policies import PolicyNameError, open_policy
 from labyrinth_core.storage import folder_at
-from pipeline.config.errors import check
-from pipeline.config.stage import Job
-from pipeline.config.training import METHODS, TrainingOptions
-from pipeline.machinery.console import say
+from pipeline.config import Job, TrainingOptions, check
+from pipeline.machinery import say
 from pipeline.results.options import ResultsOptions
 
 _OF_RUN = (
@@ -155,7 +153,7 @@ class Checks:
             folder = self.run_dir / run.config / run.name
             if not folder.is_dir():
                 return None, f"runs are not in {self.run_dir}"
-            if run.method not in METHODS:
+            if run.method not in TrainingOptions.METHODS:
                 return None, "methods in Python are not executed"
             return open_policy(folder), ""
         if policy is not None:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.inspection.shift import holm
-from pipeline.machinery.markdown import count
+from pipeline.machinery import count
 
 RESAMPLES = 10_000
 """The maximum number of divisions in a test."""

@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation import Description, Results, TrainedRun
 from labyrinth_core.language import parse_size
-from pipeline.config.training import METHODS
-from pipeline.machinery.markdown import count
+from pipeline.config import TrainingOptions
+from pipeline.machinery import count
 from pipeline.results.kept import AUTHOR, run_of
 from pipeline.results.paper import title_of
 
@@ -94,7 +94,7 @@ def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
     labyrinths = run.first_labyrinths or figures["train"]["labyrinths"]
     return Description(
         name=title_of(run),
-        author=AUTHOR if run.method in METHODS else "",
+        author=AUTHOR if run.method in TrainingOptions.METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
         details={} if run.train_labyrinths == run.FRESH else {"labyrinths": labyrinths},
     )

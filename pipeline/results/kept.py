@@ -8,9 +8,8 @@ from typing import Any
 
 from labyrinth_core.errors import DatasetError, printable_line
 from labyrinth_core.evaluation import Description, Results, TrainedRun
-from pipeline.config.options import ResultsFolderOption
-from pipeline.machinery.artifact import Ownership
-from pipeline.machinery.sums import Sums
+from pipeline.config import ResultFolderOptions
+from pipeline.machinery import Ownership, Sums
 from pipeline.results.checking import Checks
 from pipeline.results.paper import METHODS, title_of
 
@@ -48,7 +47,7 @@ def gather(checks: Checks, results_dir: Path, overwrite: bool) -> tuple[Copies, 
         except DatasetError as error:
             refused.append(str(error))
             continue
-        kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
+        kind = ResultFolderOptions.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
     own = Ownership(Sums.read(results_dir, overwrite=overwrite))
@@ -74,7 +73,7 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS)
+    submitted = Results.submitted_files(results_dir / ResultFolderOptions.SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
     files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):

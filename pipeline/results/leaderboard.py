@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, Results
-from pipeline.machinery.markdown import plain, table
+from pipeline.machinery import plain, table
 from pipeline.results.entry import RANKED_BY, Entry, Figures, as_csv, percent_cell
 
 LEADERBOARD = "leaderboard.md"

@@ -13,7 +13,7 @@ from pathlib import Path
 
 from labyrinth_core.evaluation import RunName
 from labyrinth_core.world import RULES
-from pipeline.machinery.markdown import plain
+from pipeline.machinery import plain
 
 METHODS = {
     "bc": "BC",

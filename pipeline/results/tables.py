@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Results
-from pipeline.machinery.markdown import plain, table
+from pipeline.machinery import plain, table
 from pipeline.results.comparison import conclusion, interquartile_mean
 from pipeline.results.entry import (
     RANKED_BY,

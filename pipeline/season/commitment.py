@@ -24,9 +24,9 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
 from labyrinth_core.version import build_versions
-from pipeline.config.stage import Job
+from pipeline.config import Job
 from pipeline.generation import built
-from pipeline.machinery.folders import held
+from pipeline.machinery import held
 from pipeline.season.options import SeasonStageOptions
 
 PRIVATE = "labyrinth-season-"

@@ -20,11 +20,8 @@ from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.folders import held
+from pipeline.config import ConfigError, Job
+from pipeline.machinery import held, leave, say, tracked
 from pipeline.season.commitment import (
     MOST_BYTES,
     Layout,

@@ -11,11 +11,8 @@ from labyrinth_core.storage import (
     File,
     LocalFile,
 )
-from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
+from pipeline.config import ConfigError, Job, check
+from pipeline.machinery import held, produced, say
 from pipeline.season.commitment import (
     LEAST,
     SECRET_BYTES,

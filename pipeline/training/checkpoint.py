@@ -25,7 +25,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.learning import Learner, NetworkSpec
 from labyrinth_core.policies import read_tensors
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.training.identity import require_same, without_place
 
 INSTEAD = "choose another run_dir"

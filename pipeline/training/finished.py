@@ -13,8 +13,7 @@ from labyrinth_core.evaluation import Evaluation, Player, TrainedRun
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
+from pipeline.config import Job, TrainingOptions
 from pipeline.training.identity import (
     choose_device,
     identify,

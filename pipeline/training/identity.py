@@ -10,10 +10,8 @@ from typing import TYPE_CHECKING, Any
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning import NetworkSpec
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import differences
+from pipeline.config import ConfigError, Job, TrainingOptions
+from pipeline.machinery import Sums
 
 if TYPE_CHECKING:
     import torch
@@ -56,7 +54,7 @@ def require_same(
     thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
     """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
-    if differing := differences(options_of(actual), options_of(required)):
+    if differing := Sums.differences(options_of(actual), options_of(required)):
         raise DatasetError(f"{thing} with {differing}{advice}")
 
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from labyrinth_core.learning import Learner
-from pipeline.config.errors import ConfigError, check
+from pipeline.config import ConfigError, check
 from pipeline.training import checkpoint
 from pipeline.training.checkpoint import Progress
 

@@ -8,10 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions
+from pipeline.config import Job, Stage, TrainingOptions, WorkOptions, option
 
 
 @dataclass(frozen=True)

@@ -14,11 +14,8 @@ from labyrinth_core.evaluation import Results
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import Sums
+from pipeline.config import ConfigError, Job
+from pipeline.machinery import Sums, leave, say
 from pipeline.training.checkpoint import Progress
 
 CHECKPOINT = "checkpoint.safetensors"

@@ -27,7 +27,7 @@ from run_queue import AUTHORS
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.paper import METHODS, PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from labyrinth_core.benchmarks.levels import percent
 from labyrinth_core.benchmarks.seeds import seeds_of
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 Certificate = dict[str, Any]
 """The JSON of a certificate."""

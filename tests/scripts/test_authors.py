@@ -19,7 +19,7 @@ from labyrinth_core.learning.networks.acting import outputs_of
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.loop import PROTOCOLS, fit

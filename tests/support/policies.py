@@ -16,7 +16,7 @@ from labyrinth_core.learning.spec import (
 )
 from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.training import TrainingOptions
+from pipeline.config import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(

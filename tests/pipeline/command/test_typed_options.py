@@ -20,7 +20,7 @@ from pipeline.command.command_line import arranged, parsed, refusal
 from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.stages import STAGES
 from pipeline.command.texts import quote_texts
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]

@@ -25,8 +25,7 @@ from labyrinth_core.world import ALGORITHMS, Task
 from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError, as_typed
-from pipeline.config.training import METHODS
+from pipeline.config import ConfigError, TrainingOptions, as_typed
 from pipeline.training.method import find
 from scripts.write_options import written
 
@@ -288,10 +287,10 @@ def test_files_that_repeat_declarations_are_those_that_the_script_writes() -> No
     for path, text in written().items():
         assert path.read_text(encoding="utf-8") == text, "run scripts/write_options.py"
     names = {path.stem for path in (CONF / "method").iterdir()}
-    assert names == {*METHODS, "custom"}
+    assert names == {*TrainingOptions.METHODS, "custom"}
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", TrainingOptions.METHODS)
 def test_the_file_of_a_method_names_the_class_that_is_trained(name: str) -> None:
     target = yaml.safe_load((CONF / "method" / f"{name}.yaml").read_text())["_target_"]
     assert get_class(target) is find(name, {}, "default")[0]

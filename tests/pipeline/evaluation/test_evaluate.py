@@ -14,7 +14,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Player, Results
 from labyrinth_core.evaluation.baselines import TrainMemory
 from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
 

@@ -35,7 +35,7 @@ from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import front_matter
 from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
 from pipeline.release.repository import listed as files_of
@@ -162,7 +162,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
         assert line["same route"] == str(len(pair["same_route"]))
     near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
     assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
-    assert f"{DEFAULT}/{Manifest.ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
+    assert f"{DEFAULT}/{Manifest.ANALYSIS}" in (folder / Sums.FILE).read_text(encoding="utf-8")
 
     path = folder / DEFAULT / Manifest.ANALYSIS
     whole = path.read_bytes()
@@ -410,7 +410,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     *_, last = capsys.readouterr().out.splitlines()
     assert "because no card wrote them, or they were damaged or changed since; overwrite" in last
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
-    listed = (folder / HASHES).read_text(encoding="utf-8")
+    listed = (folder / Sums.FILE).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
     assert not {*FOREIGN} & {*files_of(folder)}
     card.write_card(folder, overwrite=True)
@@ -422,11 +422,11 @@ def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_al
     for content, is_ours in ((b"ours", True), (b"mine", False)):
         path.write_bytes(content)
         if is_ours:
-            with (folder / HASHES).open("a", encoding="utf-8") as file:
+            with (folder / Sums.FILE).open("a", encoding="utf-8") as file:
                 file.write(f"{hashlib.sha256(content).hexdigest()}  eval.yaml\n")
         card.write_card(folder)
         assert path.exists() == (not is_ours)
-        assert "eval.yaml" not in (folder / HASHES).read_text(encoding="utf-8")
+        assert "eval.yaml" not in (folder / Sums.FILE).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.policies import load, opening
 from labyrinth_core.policies.load import GRAPH
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.season import judge, submission
 from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Layout, Season
 from pipeline.season.submission import fetched

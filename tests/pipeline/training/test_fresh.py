@@ -23,7 +23,7 @@ from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
 from pipeline.training.checkpoint import Progress

@@ -15,7 +15,7 @@ from support.learning import settings_of
 
 from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.problem import Problem
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.record import CHECKPOINT
 

@@ -18,7 +18,7 @@ from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import Observations, Steps
 from labyrinth_core.pictures import Looks
-from pipeline.config.training import METHODS
+from pipeline.config import TrainingOptions
 from pipeline.training.method import find
 
 pytestmark = pytest.mark.slow
@@ -56,8 +56,8 @@ def hasty(name: str, problem: Problem) -> Learner:
 
 
 def test_each_method_is_tried_here_and_says_what_its_settings_mean() -> None:
-    assert {*METHODS} == {*TOYS, *OTHERS}
-    for name in METHODS:
+    assert {*TrainingOptions.METHODS} == {*TOYS, *OTHERS}
+    for name in TrainingOptions.METHODS:
         _, settings = find(name, {})
         assert {each.name for each in fields(settings) if "checks" not in each.metadata} == set()
 

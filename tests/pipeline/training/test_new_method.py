@@ -16,7 +16,7 @@ from support.making import Run
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
 from labyrinth_core.errors import DatasetError
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.method import find

@@ -23,9 +23,8 @@ from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import PolicySpec
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.sums import HASHES
+from pipeline.config import ConfigError
+from pipeline.machinery import Sums, leave
 from pipeline.training import record, train
 from pipeline.training.record import CURVES
 
@@ -107,7 +106,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
         assert there == [
-            HASHES,
+            Sums.FILE,
             PolicySpec.FILE,
             CURVES,
             PolicySpec.WEIGHTS,

@@ -23,9 +23,9 @@ from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.spec import PolicySpec
 from labyrinth_core.pictures import looks
 from labyrinth_core.policies.load import RunRecord
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.training import train
 from pipeline.training.record import BOARD, CHECKPOINT, CURVES
 
@@ -64,7 +64,7 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
     assert sorted(path.name for path in folder.iterdir()) == [
-        HASHES,
+        Sums.FILE,
         PolicySpec.FILE,
         CURVES,
         PolicySpec.WEIGHTS,
@@ -228,7 +228,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(ConfigError, match=r"pip install 'labyrinth-datasets\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
-    monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
+    monkeypatch.setattr("pipeline.config.options.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
         run_of().options.check_training()
 
