@@ -13,7 +13,6 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.world.batch import Tables as Tables
     from labyrinth_core.world.batch import seen_together as seen_together
     from labyrinth_core.world.batch_sampling import BatchSampler as BatchSampler
-    from labyrinth_core.world.grid import SIDES as SIDES
     from labyrinth_core.world.labyrinth import Episode as Episode
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import Sketch as Sketch
@@ -29,6 +28,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.world.solver import RouteMemory as RouteMemory
     from labyrinth_core.world.solver import Solver as Solver
     from labyrinth_core.world.structure import BUCKETS as BUCKETS
+    from labyrinth_core.world.structure import SIDES as SIDES
     from labyrinth_core.world.structure import Structure as Structure
     from labyrinth_core.world.structure import identity as identity
     from labyrinth_core.world.tasks import Placer as Placer
@@ -39,12 +39,11 @@ else:
         {
             "batch": ("Labyrinths", "Structures", "Tables", "seen_together"),
             "batch_sampling": ("BatchSampler",),
-            "grid": ("SIDES",),
             "labyrinth": ("Episode", "Labyrinth", "Sketch"),
             "rules": ("Action", "LabyrinthError", "Look", "RULES", "State", "TILES", "Task"),
             "sampling": ("ALGORITHMS", "default_open_walls"),
             "solver": ("RouteMemory", "Solver"),
-            "structure": ("BUCKETS", "Structure", "identity"),
+            "structure": ("BUCKETS", "SIDES", "Structure", "identity"),
             "tasks": ("Placer", "sample_labyrinth"),
         },
     )
