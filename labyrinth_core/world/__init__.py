@@ -17,6 +17,7 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import Sketch as Sketch
     from labyrinth_core.world.rules import RULES as RULES
+    from labyrinth_core.world.rules import SIDES as SIDES
     from labyrinth_core.world.rules import TILES as TILES
     from labyrinth_core.world.rules import Action as Action
     from labyrinth_core.world.rules import LabyrinthError as LabyrinthError
@@ -28,7 +29,6 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.world.solver import RouteMemory as RouteMemory
     from labyrinth_core.world.solver import Solver as Solver
     from labyrinth_core.world.structure import BUCKETS as BUCKETS
-    from labyrinth_core.world.structure import SIDES as SIDES
     from labyrinth_core.world.structure import Structure as Structure
     from labyrinth_core.world.structure import identity as identity
     from labyrinth_core.world.tasks import Placer as Placer
@@ -40,10 +40,19 @@ else:
             "batch": ("Labyrinths", "Structures", "Tables", "seen_together"),
             "batch_sampling": ("BatchSampler",),
             "labyrinth": ("Episode", "Labyrinth", "Sketch"),
-            "rules": ("Action", "LabyrinthError", "Look", "RULES", "State", "TILES", "Task"),
+            "rules": (
+                "Action",
+                "LabyrinthError",
+                "Look",
+                "RULES",
+                "SIDES",
+                "State",
+                "TILES",
+                "Task",
+            ),
             "sampling": ("ALGORITHMS", "default_open_walls"),
             "solver": ("RouteMemory", "Solver"),
-            "structure": ("BUCKETS", "SIDES", "Structure", "identity"),
+            "structure": ("BUCKETS", "Structure", "identity"),
             "tasks": ("Placer", "sample_labyrinth"),
         },
     )

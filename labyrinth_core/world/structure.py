@@ -1,4 +1,4 @@
-"""The passages of a labyrinth: `Structure`, its sizes, distances, what is visible, and its id.
+"""The passages of a labyrinth: `Structure`, its distances, what is visible, and its id.
 
 A cell is an integer, `row * width + column`; row 0 is at the bottom and column 0 on the left. A bit
 set over cells is an integer whose bit `c`, counted from the lowest, stands for cell `c`.
@@ -16,12 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from labyrinth_core.checks import whole
-from labyrinth_core.world.rules import Action
+from labyrinth_core.world.rules import SIDES, Action
 from labyrinth_core.world.sampling import ALGORITHMS, Draws, cells_beside, default_open_walls
-
-SIDES = range(2, 1_001)
-"""The heights and widths allowed; the largest limits the time and memory that text can cost."""
-_LEAST, _MOST = SIDES[0], SIDES[-1]
 
 
 class Buckets(NamedTuple):
@@ -73,7 +69,8 @@ def checked_sides(height: object, width: object) -> tuple[int, int]:
     Raises:
         ValueError: One of them is not an integer from 2 to 1,000.
     """
-    return whole("height", height, _LEAST, _MOST), whole("width", width, _LEAST, _MOST)
+    least, most = SIDES[0], SIDES[-1]
+    return whole("height", height, least, most), whole("width", width, least, most)
 
 
 @dataclass(frozen=True, order=True)
