@@ -15,8 +15,7 @@ from labyrinth_core.data.episodes import replayed
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language import describe, labyrinth_id, parse
-from labyrinth_core.pictures import Painter
-from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.pictures import ObservationSpec, Painter
 from labyrinth_core.world import Solver
 from pipeline.command.dataset import DemonstrationsConfig
 
@@ -56,7 +55,7 @@ OBSERVED = {
     "decoded in full": ({"image_size": 600}, lambda *of: Painter(of[0]).array(of[1])),
     "drawn": ({"image_size": 90, "draw": True}, lambda *of: Painter(of[0]).array(of[1], 90)),
     "drawn in full": ({"image_size": 600, "draw": True}, lambda *of: Painter(of[0]).array(of[1])),
-    "vector": ({"observation": "vector"}, vector_observation),
+    "vector": ({"observation": "vector"}, lambda *of: ObservationSpec("vector").look([of])[0]),
     "text": ({"observation": "text"}, describe),
 }
 
