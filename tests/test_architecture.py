@@ -150,7 +150,7 @@ HOMES = {
     "filelock": ("labyrinth_core.storage",),
     "fsspec": ("labyrinth_core.remote",),
     "huggingface_hub": (
-        "labyrinth_core.data.location",
+        "labyrinth_core.data.dataset",
         "labyrinth_core.hub",
         "pipeline.release",
     ),
