@@ -180,7 +180,7 @@ HOMES = {
     "gymnasium": (
         "labyrinth_core.env",
         "labyrinth_core.data.datasets",
-        "labyrinth_core.benchmarks.making",
+        "labyrinth_core.benchmarks.environment",
         "pipeline.export.minari",
     ),
     "matplotlib": ("pipeline.training",),
