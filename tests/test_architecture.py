@@ -154,7 +154,7 @@ HOMES = {
     "filelock": ("labyrinth_core.storage",),
     "fsspec": ("labyrinth_core.remote",),
     "huggingface_hub": (
-        "labyrinth_core.data.location",
+        "labyrinth_core.data.dataset",
         "labyrinth_core.hub",
         "pipeline.release",
     ),
@@ -184,7 +184,7 @@ HOMES = {
     "gymnasium": (
         "labyrinth_core.env",
         "labyrinth_core.data.datasets",
-        "labyrinth_core.benchmarks.making",
+        "labyrinth_core.benchmarks.environment",
         "pipeline.export.minari",
     ),
     "matplotlib": ("pipeline.training",),

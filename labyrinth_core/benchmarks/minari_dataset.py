@@ -9,7 +9,7 @@ import numpy as np
 
 from labyrinth_core.benchmarks.certificate import Certificate
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
+from labyrinth_core.benchmarks.environment import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.records import Split
 
 PREFIX = "minari:"

@@ -22,9 +22,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 
-from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
+from labyrinth_core.data.dataset_config import SPLITS, DatasetConfig, check_fields
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line, printable
 from labyrinth_core.storage import (
     AnyPath,

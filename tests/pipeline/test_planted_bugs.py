@@ -62,7 +62,7 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.play",
+            "labyrinth_core.benchmarks.encoding:Tape.play",
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],

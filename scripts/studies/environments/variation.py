@@ -9,7 +9,7 @@ import numpy as np
 
 from environments.discretisation import Discretisation
 from environments.summaries import Summary
-from labyrinth_core.benchmarks.spread import manhattan_distances
+from labyrinth_core.benchmarks.levels import manhattan_distances
 from pipeline.inspection.shift import Floats, cohens_d, holm, permutation_test
 
 PAIRS = 1_000

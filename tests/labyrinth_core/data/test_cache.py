@@ -11,16 +11,19 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 
+from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Manifest
-from labyrinth_core.data import cache as caching
-from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
-from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
+from labyrinth_core.data import transitions as caching
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures import observations
 from labyrinth_core.storage import LocalFile
 
+FRAMES, SUM = "frames.npy", "sha256"
+"""The files of a cache besides the columns."""
+
+LIMIT_VARIABLE = "LABYRINTH_CACHE_GB"
 NOT_CACHED = "optimal", "columns"
-FIELDS = [field.name for field in fields(Transitions) if field.name not in NOT_CACHED]
+FIELDS = [field.name for field in fields(caching.Transitions) if field.name not in NOT_CACHED]
 NAME, OTHER = (f"5x5-train-2-{digit * 32}" for digit in "01")
 """Names of caches."""
 
@@ -56,9 +59,10 @@ def load_few(folder, made=None):
             if made is not None:
                 made.append(first)
             steps = np.arange(first, first + 1)
-            yield frames[first : first + 2], {name: steps.astype(COLUMNS[name]) for name in COLUMNS}
+            columns = {name: steps.astype(kind) for name, kind in caching.COLUMNS.items()}
+            yield frames[first : first + 2], columns
 
-    return Transitions(**cached(folder, (4, 2, 2, 3), content()))
+    return caching.Transitions.of(caching.cached(folder, (4, 2, 2, 3), content()))
 
 
 def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_removed(cache):
@@ -397,7 +401,7 @@ def test_transitions_whose_file_is_gone_say_so(kept, cache, content):
 
 def test_what_a_worker_makes_a_tensor_of_is_its_own_to_write_to(kept):
     for step, index in zip(kept.__getitems__([3, 0, 3]), [3, 0, 3], strict=True):
-        assert type(step) is Transition
+        assert step._fields == ("observation", "action", "next_observation")
         assert type(step.action) is int
         for array, expected in zip(step[::2], kept[index][::2], strict=True):
             assert array.flags.writeable
@@ -410,7 +414,7 @@ def test_what_a_worker_makes_a_tensor_of_is_its_own_to_write_to(kept):
 )
 def test_a_batch_is_the_transitions_of_its_indices(kept, indices):
     batch = kept[indices]
-    assert type(batch) is TransitionBatch
+    assert batch._fields == ("observation", "action", "next_observation")
     each = [kept[index] for index in np.arange(len(kept))[indices].tolist()]
     for place, array in enumerate(batch):
         expected = np.array([step[place] for step in each], array.dtype)

@@ -21,9 +21,9 @@ from support.interrupting import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
+from labyrinth_core import load_episodes
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.data import manifest as listing
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language import parse
 from labyrinth_core.pictures import state_pictures
 from labyrinth_core.pictures.png import Mosaic, Strip

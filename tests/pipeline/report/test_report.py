@@ -15,8 +15,8 @@ from support.reporting import METHOD, analyse, evaluate, evaluate_own
 from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
+from labyrinth_core import load_episodes
 from labyrinth_core.data import Dataset, Manifest
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
 from pipeline.inspection.counts import count_routes, routes
 from pipeline.inspection.statistics import read_analysis

@@ -1,8 +1,8 @@
-"""Cache of loaded transitions, mapped into memory, so that pictures are made only once.
+"""Transitions (s, a, s'), and their cache on disk, so that pictures are made only once.
 
-A cache is a folder with one array per file: the observations of all states and the columns of their
-transitions. Beside them is a SHA-256 of the folder's name and the columns; hashing the observations
-would take as long as reading them. A damaged folder is made again.
+A cache is a folder with one array per file, mapped into memory: the observations of all states and
+the columns of their transitions. Beside them is a SHA-256 of the folder's name and the columns;
+hashing the observations would take as long as reading them. A damaged folder is made again.
 
 One process makes a folder under a lock and a temporary name, then renames it; others wait for it.
 """
@@ -17,18 +17,180 @@ import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from tokenize import TokenError
-from typing import Any
+from typing import Any, NamedTuple, overload
 
 import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
+from labyrinth_core.data.dataset_config import SPLITS
 from labyrinth_core.data.format import OTHERS
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import LocalFile
+
+
+class Transition(NamedTuple):
+    """One step: state, action, next state."""
+
+    observation: NDArray[Any]
+    action: int
+    next_observation: NDArray[Any]
+
+
+class TransitionBatch(NamedTuple):
+    """Several steps, along the first axis of each array."""
+
+    observation: NDArray[Any]
+    action: NDArray[np.int64]
+    next_observation: NDArray[Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Transitions:
+    """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
+
+    Each state is stored once and shared by consecutive transitions, so all arrays are read-only.
+    Arrays from the cache are pickled as the names of their files.
+    """
+
+    frames: NDArray[Any]
+    """Observations of all states of all episodes, one after the other, shape (M, ...)."""
+    rows: NDArray[np.int64]
+    """Index in `frames` of each transition's state, shape (N,); the next state follows it."""
+    actions: NDArray[np.int64]
+    """Actions taken, shape (N,)."""
+    rewards: NDArray[np.float32]
+    """Rewards received, shape (N,)."""
+    terminated: NDArray[np.bool_]
+    """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
+    labyrinth_ids: NDArray[np.int64]
+    """The id of each transition's labyrinth, shape (N,); files hold it as `f"{id:016x}"`."""
+    optimal: NDArray[np.bool_] | None = None
+    """Which of the four actions begin a shortest route, shape (N, 4); None unless requested."""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """The dataset's other columns (`format.OTHERS`) by name, in each transition's state, (N,)."""
+
+    def __post_init__(self) -> None:
+        own = (getattr(self, each.name) for each in fields(self) if each.name != "columns")
+        for array in (*own, *self.columns.values()):
+            if array is not None:
+                array.setflags(write=False)
+
+    @classmethod
+    def of(cls, arrays: Columns) -> Transitions:
+        """Return the transitions of a cache's arrays."""
+        own: dict[str, Any] = dict(arrays)
+        own["columns"] = {column.name: own.pop(column.name) for column in OTHERS}
+        return cls(**own)
+
+    def __len__(self) -> int:
+        """Return the number of transitions, N."""
+        return len(self.rows)
+
+    def __repr__(self) -> str:
+        """Return the number of transitions and labyrinths, and an observation's shape and dtype."""
+        labyrinths = len(np.unique(self.labyrinth_ids))
+        shape, kind = self.frames.shape[1:], self.frames.dtype
+        return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
+
+    @property
+    def truncated(self) -> NDArray[np.bool_]:
+        """Whether the transition ends an episode that was cut, shape (N,)."""
+        return self.dones & ~self.terminated
+
+    @property
+    def dones(self) -> NDArray[np.bool_]:
+        """Whether the transition ends its episode, terminated or truncated, shape (N,)."""
+        # After an episode's last transition, `frames` has its last state, which has no action.
+        dones: NDArray[np.bool_] = np.diff(self.rows, append=len(self.frames)) != 1
+        return dones
+
+    @property
+    def episode_indices(self) -> NDArray[np.int64]:
+        """The number of each transition's episode in the split, from 0, shape (N,)."""
+        # Each episode before it has one state more than transitions.
+        numbers: NDArray[np.int64] = self.rows - np.arange(len(self.rows))
+        return numbers
+
+    @property
+    def observations(self) -> NDArray[Any]:
+        """The observations before the actions, shape (N, ...); a new array."""
+        return self.frames.take(self.rows, axis=0)
+
+    @property
+    def next_observations(self) -> NDArray[Any]:
+        """The observations after the actions, shape (N, ...); a new array."""
+        return self.frames.take(self.rows + 1, axis=0)
+
+    @overload
+    def __getitem__(self, index: int) -> Transition: ...
+
+    @overload
+    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.int64]) -> TransitionBatch: ...
+
+    def __getitem__(
+        self, index: int | slice | Sequence[int] | NDArray[np.int64]
+    ) -> Transition | TransitionBatch:
+        """Return one transition as views of `frames`, or a batch as new arrays."""
+        rows = self.rows[index]
+        if isinstance(rows, np.ndarray):
+            if rows.ndim != 1:  # As for True, None and arrays of two axes.
+                shown = " ".join(repr(index).split())
+                raise IndexError(
+                    f"index={shown:.60}: give a number, a slice, or one axis of numbers or booleans"
+                )
+            return TransitionBatch(
+                self.frames.take(rows, axis=0),
+                np.array(self.actions[index]),
+                self.frames.take(rows + 1, axis=0),
+            )
+        return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
+
+    def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
+        """Return copies of several transitions; a `DataLoader` calls this for a batch.
+
+        Read-only views would make tensors that must not be written to.
+        """
+        batch = self[np.asarray(indices, np.int64)]
+        steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
+        return [Transition(*step) for step in steps]
+
+    def __iter__(self) -> Iterator[Transition]:
+        """Yield all transitions in order."""
+        return (self[index] for index in range(len(self)))
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """Return how to pickle the transitions; whole arrays of a cache become file names."""
+        sent = {name: _sent(array) for name, array in self.columns.items()}
+        return _received, (sent, *(_sent(getattr(self, each.name)) for each in fields(self)[:-1]))
+
+
+def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
+    """Return an array, or the name of its file if it is the whole array of a cache."""
+    base = None if array is None else array.base
+    if array is None or not isinstance(base, np.memmap) or base.flags.writeable:
+        return array
+    whole = (array.dtype, array.shape) == (base.dtype, base.shape) and array.flags.c_contiguous
+    return str(base.filename) if whole and str(base.filename).endswith(".npy") else array
+
+
+def _received(columns: Mapping[str, Any], *sent: Any) -> Transitions:
+    own = {name: _mapped(array) for name, array in columns.items()}
+    return Transitions(*(*map(_mapped, sent), own))
+
+
+def _mapped(sent: Any) -> Any:
+    if not isinstance(sent, str):
+        return sent
+    path = sent
+    try:
+        return mapped(path)
+    except (OSError, ValueError) as error:
+        raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
+
 
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """Environment variable that limits all caches in a folder, in gigabytes; its default."""
