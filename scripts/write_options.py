@@ -21,7 +21,7 @@ from pipeline.command.dataset import DatasetOptions
 from pipeline.command.stages import STAGES
 from pipeline.config.export import EXPORTS, ExportOptions
 from pipeline.config.training import METHODS, target_of
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 ROOT = Path(__file__).parents[1]
 

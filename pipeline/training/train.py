@@ -31,16 +31,23 @@ from pipeline.machinery.artifact import produced
 from pipeline.machinery.console import progress, say
 from pipeline.machinery.folders import held, within
 from pipeline.machinery.sums import Sums
-from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
 from pipeline.training.identity import (
     choose_device,
+    find,
     identify,
     options_of,
     spec_of,
     without_place,
 )
-from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
-from pipeline.training.method import find
+from pipeline.training.loop import (
+    CHECKPOINT_SECONDS,
+    INSTEAD,
+    PROTOCOLS,
+    Progress,
+    fit,
+    identity_in,
+    save_policy,
+)
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 

@@ -18,7 +18,7 @@ from labyrinth_core.evaluation import Description, Evaluation, Results
 from labyrinth_core.policies.load import RunRecord
 from pipeline.machinery.artifact import leave
 from pipeline.machinery.sums import Sums
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 
 def main() -> None:

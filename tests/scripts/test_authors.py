@@ -22,8 +22,8 @@ from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
+from pipeline.training.identity import find
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
 from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil

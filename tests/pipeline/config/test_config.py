@@ -27,7 +27,7 @@ from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
 from pipeline.config.errors import ConfigError, as_typed
 from pipeline.config.training import METHODS
-from pipeline.training.method import find
+from pipeline.training.identity import find
 from scripts.write_options import written
 
 CONF = Path(__file__).parents[3] / "conf"

@@ -19,9 +19,8 @@ from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning.methods import mapper
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.problem import Problem, Steps
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PolicySpec
-from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
 from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.style import RECOLOURED
@@ -29,7 +28,7 @@ from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.checkpoint import read_policy
+from pipeline.training.loop import read_policy
 
 pytestmark = pytest.mark.slow
 

@@ -15,11 +15,10 @@ from torch import nn
 from labyrinth_core.evaluation import Player
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import Observations, Steps
+from labyrinth_core.learning.problem import Observations, Problem, Steps
 from labyrinth_core.pictures import Looks
 from pipeline.config.training import METHODS
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow
 

@@ -25,7 +25,7 @@ from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.pictures import ObservationSpec, render
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Look, State, Structure
-from pipeline.training.checkpoint import read_policy
+from pipeline.training.loop import read_policy
 
 pytestmark = pytest.mark.slow
 

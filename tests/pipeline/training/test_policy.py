@@ -14,7 +14,7 @@ from labyrinth_core.learning.methods import bc
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
 from labyrinth_core.learning.networks.network import Network
 from labyrinth_core.learning.spec import NetworkSpec
-from pipeline.training.checkpoint import read_policy, save_policy
+from pipeline.training.loop import read_policy, save_policy
 
 pytestmark = pytest.mark.slow
 
