@@ -119,8 +119,14 @@ def fit(
         if learner.problem.renewed is not None:
             learner.renew(learner.problem.renewed(learner.problem, progress.epoch))
         figures = _plain(learner.epoch())
-        _require_finite(figures, progress.epoch + 1, learner.settings.learning_rate)
         progress.epoch += 1
+        for name, value in figures.items():
+            check(
+                isfinite(value),
+                f"method.learning_rate={learner.settings.learning_rate}: {name} is {value} in "
+                f"epoch {progress.epoch}, so that training cannot continue; give a lower rate. "
+                "Existing files are unchanged",
+            )
         if progress.epoch == 1:
             state_of(learner)  # Fail now, not when the first checkpoint is due.
         if progress.epoch % every == 0 or progress.epoch == epochs:
@@ -168,15 +174,6 @@ def _plain(figures: Any) -> dict[str, float]:
             'numbers with the loss, such as {"loss": 0.5}'
         ) from error
     return plain
-
-
-def _require_finite(figures: Mapping[str, float], epoch: int, rate: float) -> None:
-    for name, value in figures.items():
-        check(
-            isfinite(value),
-            f"method.learning_rate={rate}: {name} is {value} in epoch {epoch}, so that training "
-            "cannot continue; give a lower rate. Existing files are unchanged",
-        )
 
 
 def save_checkpoint(

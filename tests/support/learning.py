@@ -13,11 +13,10 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import Observations, Problem, load_steps
-from labyrinth_core.learning.spec import NetworkSpec
+from labyrinth_core.learning import Learner, NetworkSpec, Observations, Problem
+from labyrinth_core.learning.problem import load_steps
 from pipeline.training import loop
 from pipeline.training.identity import find
 from pipeline.training.loop import Progress

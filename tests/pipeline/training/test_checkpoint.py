@@ -13,9 +13,8 @@ from safetensors import safe_open
 from support.learning import settings_of
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.learning.learner import Learner
+from labyrinth_core.learning import Learner, Problem
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.problem import Problem
 from pipeline.training import loop
 from pipeline.training.loop import Progress, state_of
 

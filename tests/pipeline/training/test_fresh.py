@@ -14,11 +14,11 @@ import torch
 from support.learning import equal_weights
 from support.making import Run
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.evaluation import Results
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import FreshLabyrinths, Problem, load_steps
+from labyrinth_core.learning import Learner, Problem
+from labyrinth_core.learning.problem import FreshLabyrinths, load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
