@@ -20,7 +20,7 @@ from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
 from pipeline.command.dataset import DatasetOptions
 from pipeline.command.stages import STAGES
 from pipeline.config import ExportOptions, TrainingOptions
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 ROOT = Path(__file__).parents[1]
 

@@ -19,8 +19,8 @@ from labyrinth_core import load_transitions, stream_episodes
 from labyrinth_core.data import Manifest
 from labyrinth_core.data.rows import rows_together
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.policies import files_of
 from labyrinth_core.policies.load import located
-from labyrinth_core.policies.opening import files_of
 
 MODEL = "user/planner"
 SHARD = "train-00000-of-00001.parquet"

@@ -51,7 +51,7 @@ PLANTS = {
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
-        ((*TRAINING, "overwrite=true"), "pipeline.training.finished:require_same"),
+        ((*TRAINING, "overwrite=true"), "pipeline.training.record:require_same"),
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [

@@ -14,16 +14,14 @@ from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run
 
 from labyrinth_core.evaluation import Results
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import outputs_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.learning import Learner, Problem, outputs_of
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, Structure
 from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
+from pipeline.training.identity import find
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
 from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil

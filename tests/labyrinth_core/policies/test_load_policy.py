@@ -34,15 +34,12 @@ from labyrinth_core import (
     shortest_route,
 )
 from labyrinth_core.evaluation.answers import fitted
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.learning.networks.acting import NetworkPolicy, make_network
 from labyrinth_core.learning.networks.mapping import MapperPolicy
-from labyrinth_core.learning.spec import (
-    MapperSpec,
-    NetworkSpec,
-    PlannerSpec,
-    PolicySpec,
-)
-from labyrinth_core.policies.load import MOST_BYTES, read_tensors
+from labyrinth_core.learning.spec import MapperSpec, PlannerSpec
+from labyrinth_core.policies import read_tensors
+from labyrinth_core.policies.load import MOST_BYTES
 from labyrinth_core.storage import File
 from labyrinth_core.world import Task
 

@@ -25,7 +25,7 @@ from pipeline.command.composed import OPTIONS
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
 from pipeline.config import ConfigError, TrainingOptions, as_typed
-from pipeline.training.method import find
+from pipeline.training.identity import find
 from scripts.write_options import written
 
 CONF = Path(__file__).parents[3] / "conf"

@@ -19,7 +19,7 @@ from support.quick_python import python
 from labyrinth_core import PolicyError, evaluate
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config import ConfigError

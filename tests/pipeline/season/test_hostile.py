@@ -18,7 +18,8 @@ from support.policies import RELEASED, lay_out_run
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import MapperSpec, PlannerSpec
 from labyrinth_core.policies import load, opening
 from labyrinth_core.policies.load import GRAPH
 from pipeline.config import ConfigError

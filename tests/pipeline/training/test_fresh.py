@@ -14,21 +14,19 @@ import torch
 from support.learning import equal_weights
 from support.making import Run
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.evaluation import Results
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import FreshLabyrinths, Problem
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning import Learner, Problem
+from labyrinth_core.learning.problem import FreshLabyrinths, load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
-from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
+from pipeline.training.identity import find
+from pipeline.training.loop import PROTOCOLS, Progress, fit
 
 VECTORS = ObservationSpec("vector", 64)
 

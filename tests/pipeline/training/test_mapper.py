@@ -16,20 +16,19 @@ from support.learning import settings_of
 from support.making import Run
 
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
+from labyrinth_core.learning import NetworkSpec, PolicySpec, Problem, Steps
 from labyrinth_core.learning.methods import mapper
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PolicySpec
-from labyrinth_core.learning.steps import Steps
+from labyrinth_core.learning.spec import MapperSpec
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
 from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.style import RECOLOURED
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.checkpoint import read_policy
+from pipeline.training.loop import read_policy
 
 pytestmark = pytest.mark.slow
 

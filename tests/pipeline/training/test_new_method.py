@@ -19,7 +19,7 @@ from labyrinth_core.errors import DatasetError
 from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow
 

@@ -19,9 +19,9 @@ from support.making import Run
 from support.quick_python import python
 
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning import PolicySpec
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import PolicySpec
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config import ConfigError
 from pipeline.machinery import Sums, leave

@@ -19,10 +19,10 @@ from support.making import Run
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
+from labyrinth_core.learning import PolicySpec
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import PolicySpec
 from labyrinth_core.pictures import looks
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from pipeline.config import ConfigError
 from pipeline.evaluation.evaluate import results_of
 from pipeline.machinery import Sums
