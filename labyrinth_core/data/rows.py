@@ -275,7 +275,7 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         info = info.dictionary_encode()
     info = info.unify_dictionaries()
     texts = info.chunk(0).dictionary.to_pylist() if info.num_chunks else []
-    numbers = [chunk.indices.to_numpy() for chunk in info.chunks]
+    indices = [np.from_dlpack(chunk.indices) for chunk in info.chunks]
     pngs = None
     if pictures:
         pngs = np.empty(len(table), object)
@@ -285,14 +285,30 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
             )
             pngs[:] = [value for chunk in obs.chunks for value in values_of(chunk)]
     return Rows(
-        columns["actions"].to_numpy().astype(np.int64),
-        columns["rewards"].to_numpy().astype(np.float32),
-        columns["episode_starts"].to_numpy(),
-        np.concatenate([np.zeros(0, np.int64), *numbers]).astype(np.int64),
+        _numbers(columns["actions"]).astype(np.int64),
+        _numbers(columns["rewards"]).astype(np.float32),
+        _numbers(columns["episode_starts"]),
+        np.concatenate([np.zeros(0, np.int64), *indices]).astype(np.int64),
         texts,
         pngs,
-        {each.name: columns[each.name].to_numpy().astype(each.dtype) for each in OTHERS},
+        {each.name: _numbers(columns[each.name]).astype(each.dtype) for each in OTHERS},
     )
+
+
+def _numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Return a column without nulls as an array, shape (rows,).
+
+    `to_numpy` would import pandas if it is installed, which takes longer than reading a small
+    dataset.
+    """
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_boolean(column.type):
+        return _numbers(column.cast(pa.uint8())).view(np.bool_)
+    numbers: NDArray[Any] = np.from_dlpack(column.combine_chunks())
+    return numbers
 
 
 class WholeEpisodes(NamedTuple):

@@ -12,7 +12,7 @@ from functools import partial
 from typing import Annotated, Any, TypedDict
 
 from labyrinth_core import typed
-from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.data import Dataset, DatasetConfig, Manifest, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import AnyPath, File
 from pipeline.inspection import front_matter
@@ -105,6 +105,10 @@ class DatasetStatistics:
         return sum(counts.rows for counts in self.splits.values())
 
 
+_counted_last: dict[tuple[DatasetConfig, tuple[Shard, ...]], DatasetStatistics] = {}
+"""The dataset that this process counted last, so that `card` need not count it after `analyse`."""
+
+
 def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[DatasetStatistics]:
     """Return the statistics of all finished datasets of a folder, the smallest first.
 
@@ -127,8 +131,21 @@ def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[Datas
     for manifest in manifests:
         data = Dataset.at(data_dir / manifest.config.name, manifest)
         analysis = read_analysis(data)
-        datasets.append(replace(count_dataset(data, workers, stage), analysis=analysis))
+        known = _counted_last.get((manifest.config, manifest.shards))
+        if known is None:
+            known = count_dataset(data, workers, stage)
+        else:
+            checked = zip(manifest.shards, ordered_map(_check, data.files(), workers), strict=True)
+            rows = ((shard.rows, None) for shard, _ in checked)
+            list(tracked(rows, stage, known.rows))
+        datasets.append(replace(known, data=data, analysis=analysis))
     return datasets
+
+
+def _check(file: ShardFile) -> None:
+    """Raise DatasetError if a shard is missing or damaged."""
+    with file.opened():
+        pass
 
 
 def count_dataset(
@@ -161,7 +178,10 @@ def count_dataset(
         keys.setdefault(split, []).append(counted.keys)
         keep(split, counted.content)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
-    return DatasetStatistics(data, splits, certificate)
+    statistics = DatasetStatistics(data, splits, certificate)
+    _counted_last.clear()
+    _counted_last[config, data.manifest.shards] = statistics
+    return statistics
 
 
 def read_analysis(data: Dataset) -> dict[str, Any] | None:

@@ -203,6 +203,15 @@ print(json.dumps(
     assert others == [alone] * 7
 
 
+def test_loading_does_not_import_pandas_which_would_take_most_of_the_time(data_dir, tmp_path):
+    program = (
+        "import sys; from labyrinth_core import load_transitions\n"
+        "load_transitions(sys.argv[1], '3x3', cache_dir=sys.argv[2])\n"
+        "assert {'pandas'}.isdisjoint(sys.modules)"
+    )
+    subprocess.run([sys.executable, "-c", program, data_dir, tmp_path], check=True)
+
+
 @LOADS
 @pytest.mark.parametrize("config", [3, None])
 def test_a_config_that_is_no_text_is_refused(load, small_dataset, config):
