@@ -30,8 +30,8 @@ from kill_matrix import clear_memory, finish, hashes, started
 from pipeline.command.composed import ALL, resolve
 from pipeline.config.stage import Job
 from pipeline.machinery.sums import HASHES
-from pipeline.season.commitment import Layout, Season
 from pipeline.season.options import SeasonOptions, SeasonStageOptions
+from pipeline.season.season import Layout, Season
 
 POLICY = Path(__file__).parents[1] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 NAME = "2026-a"

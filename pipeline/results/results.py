@@ -21,12 +21,16 @@ from pipeline.machinery.artifact import leave
 from pipeline.machinery.console import say, say_once
 from pipeline.machinery.markdown import count
 from pipeline.machinery.sums import Sums
-from pipeline.results.checking import Checks
-from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all
-from pipeline.results.leaderboard import LEADERBOARD, leaderboard
+from pipeline.results.checking import RUNS, Checks, comparable, gather, of_equal_weights, read_all
+from pipeline.results.leaderboard import (
+    LEADERBOARD,
+    Entry,
+    boards,
+    entries_of,
+    leaderboard,
+    title_of,
+)
 from pipeline.results.options import ResultsOptions
-from pipeline.results.paper import title_of
 from pipeline.results.tables import tables
 
 

@@ -13,10 +13,9 @@ from pipeline.config.stage import Job
 from pipeline.machinery.console import say
 from pipeline.machinery.markdown import table
 from pipeline.machinery.sums import HASHES, Sums
-from pipeline.season.commitment import Layout, Season, dataset, has_sha256
-from pipeline.season.judge import Row, check_row, judged, read_list, shown
+from pipeline.season.judge import Row, check_row, fetched, judged, read_list, shown, versions
 from pipeline.season.options import SeasonStageOptions
-from pipeline.season.submission import fetched, versions
+from pipeline.season.season import Layout, Season, dataset, has_sha256
 
 EQUAL = "yes"
 """Shown for a submission whose results are reproduced to the last bit."""

@@ -24,7 +24,7 @@ from labyrinth_core.storage import File
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config.errors import ConfigError
 from pipeline.evaluation import evaluate as stage
-from pipeline.evaluation.named import opened
+from pipeline.evaluation.evaluate import opened
 from pipeline.evaluation.options import EvaluationOptions
 
 __all__ = ["local_hub"]

@@ -47,7 +47,7 @@ import torch
 from support.policies import Remembering
 from labyrinth_core import evaluate, load_policy
 from labyrinth_core.evaluation import Description
-from pipeline.evaluation.named import opened
+from pipeline.evaluation.evaluate import opened
 
 torch.set_num_threads(1)
 blocks, data_dir, model = json.loads(sys.argv[1]), *sys.argv[2:]
