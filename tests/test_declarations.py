@@ -19,12 +19,11 @@ import pytest
 from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
-from labyrinth_core import Dataset
+from labyrinth_core import Dataset, load_arrays
 from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.data.load import load_episodes, load_transitions
 from labyrinth_core.env.observation import PLAYED
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language.text import SETTINGS
 from labyrinth_core.pictures import COLOURS_IN_WORDS
 from labyrinth_core.pictures.observations import KINDS

@@ -7,7 +7,7 @@ gets the folder `<run_dir>/<config>/<name>`. Nothing is selected or trained here
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -43,16 +43,24 @@ def run(job: Job[EvaluateOptions]) -> None:
             dataset or a split is missing.
         PolicyError: The policy raises an error, or returns anything but actions.
     """
-    named = find_policy(job)
-    results = results_of(job, named)
-    if job.options.evaluation.memorised:
-        results = _with_receipt(job, named.shown, results)
+    named, asked = find_policy(job), job.options.evaluation
+    shown, splits = named.shown, asked.splits or None
+    if shown.run is not None:
+        splits = (*SPLITS.evaluated, *shown.data.manifest.config.shifts)
+    results = shown.results(
+        splits,
+        asked.episodes,
+        trained_on=named.trained_on,
+        follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
+    )
+    if asked.memorised:
+        results = _with_receipt(job, shown, results)
     path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
     overwrite = job.options.overwrite
     leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
-    if job.options.evaluation.gifs:
+    if asked.gifs:
         folder = path.parent / ATTEMPTS
-        pictures = _pictures(named.shown, results, job.options.evaluation.gifs, job.dataset.seed)
+        pictures = _pictures(shown, results, asked.gifs, job.dataset.seed)
         leave(within(path.parent, ATTEMPTS), pictures, overwrite=overwrite)
         say(f"{folder} has {len(pictures)} animated GIFs.")
     say(f"{named.about.name}\n{results.tables()}\n")
@@ -89,21 +97,6 @@ def _with_receipt(job: Job[EvaluateOptions], shown: Evaluation, results: Results
     except ValueError as error:
         raise ConfigError(f"{option}: {error}") from error
     return replace(results, memorised=receipt)
-
-
-def results_of(job: Job[EvaluateOptions], named: Named | None = None) -> Results:
-    """Play all episodes of a policy, the one of the job if none is given; return its results."""
-    named = named or find_policy(job)
-    shown, asked = named.shown, job.options.evaluation
-    splits: Sequence[str] | None = asked.splits or None
-    if shown.run is not None:
-        splits = (*SPLITS.evaluated, *shown.data.manifest.config.shifts)
-    return shown.results(
-        splits,
-        asked.episodes,
-        trained_on=named.trained_on,
-        follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
-    )
 
 
 def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dict[str, bytes]:
@@ -168,7 +161,10 @@ def find_policy(job: Job[EvaluateOptions]) -> Named:
 def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
     data = job.open_dataset()  # Its error says how to make a dataset that is missing.
-    policy = opened(options.policy)
+    try:
+        policy = open_policy(options.policy)
+    except PolicyNameError as error:
+        raise ConfigError(f"policy={options.policy}: {error}") from error
     folder, run = Path(options.policy).expanduser(), getattr(policy, "run", None)
     # Under another name it is a copy, such as a download, whose results lie in `run_dir`.
     if run and folder.absolute().name == run.name and not described_by(options.evaluation):
@@ -240,17 +236,6 @@ def _of_run(
     if run.fingerprint != data.fingerprint:
         path = path.with_stem(f"{path.stem}-{data.config}-{data.fingerprint:.8}")
     return Named(Description(run.name), shown, path, key, trained_on)
-
-
-def opened(name: str) -> Any:
-    """Return the policy that the option `policy` names; raise a ConfigError if it has no such form.
-
-    For the other errors see `open_policy`.
-    """
-    try:
-        return open_policy(name)
-    except PolicyNameError as error:
-        raise ConfigError(f"policy={name}: {error}") from error
 
 
 def _description(name: str, asked: EvaluationOptions) -> Description:

@@ -24,8 +24,8 @@ from kept_results import RESULTS, Run, by_method, rate, read_runs, solved_in, wh
 from methods.authors.learner import try_out
 from run_queue import AUTHORS
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores
 from pipeline.machinery.markdown import table
 from pipeline.results.leaderboard import IN_PRINT

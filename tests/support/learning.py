@@ -13,8 +13,8 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.learner import Learner
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec

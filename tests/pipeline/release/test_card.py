@@ -25,10 +25,10 @@ from support.composing import composed
 from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 
+from labyrinth_core import evaluate
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
 from labyrinth_core.data.splits import is_of_train
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver

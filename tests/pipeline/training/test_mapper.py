@@ -13,7 +13,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from support.learning import settings_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning.methods import mapper
@@ -27,7 +27,6 @@ from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.style import RECOLOURED
 from labyrinth_core.policies.load import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
-from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.checkpoint import read_policy
 
@@ -55,7 +54,7 @@ def folder(
         method={"name": "mapper", **TOY},
     )
     train.run(run)
-    evaluate.run(run)
+    perform("evaluate", run)
     return run.training_folder
 
 

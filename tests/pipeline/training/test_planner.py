@@ -15,8 +15,8 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
+from labyrinth_core import load_arrays
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.planning import FAR, Bellman

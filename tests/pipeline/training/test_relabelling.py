@@ -13,10 +13,10 @@ import pytest
 from support.learning import settings_of
 from support.making import Run
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.problem import Problem
