@@ -177,7 +177,7 @@ HOMES = {
         "labyrinth_core.learning",
         "labyrinth_core.testing.methods",
         "pipeline.training",
-        "pipeline.season.submission",
+        "pipeline.season.judge",
     ),
     "onnxruntime": ("labyrinth_core.policies.graph_process",),
     "safetensors": ("labyrinth_core.policies", "pipeline.training"),

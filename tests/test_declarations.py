@@ -19,16 +19,10 @@ import pytest
 from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
-from labyrinth_core import Dataset, load_episodes, load_transitions
+from labyrinth_core import Dataset, load_arrays, load_episodes, load_transitions
 from labyrinth_core.data import COLUMNS, SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language import SETTINGS_OF
-from labyrinth_core.pictures import (
-    COLOURS_IN_WORDS,
-    DEFAULT_STYLE,
-    OBSERVATIONS,
-    ObservationSpec,
-)
+from labyrinth_core.pictures import COLOURS_IN_WORDS, DEFAULT_STYLE, OBSERVATIONS, ObservationSpec
 from labyrinth_core.world import TILES, Labyrinth, Look, Solver, Task, sample_labyrinth
 from labyrinth_core.world.tasks import PLACEMENTS
 from pipeline.generation.labyrinths import NEW_STRUCTURES

@@ -11,10 +11,9 @@ from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
 from labyrinth_core.version import build_versions
 from pipeline.config import Job
 from pipeline.machinery import Sums, say, table
-from pipeline.season.commitment import Layout, Season, dataset, has_sha256
-from pipeline.season.judge import Row, check_row, judged, read_list, shown
+from pipeline.season.judge import Row, check_row, fetched, judged, read_list, shown, versions
 from pipeline.season.options import SeasonStageOptions
-from pipeline.season.submission import fetched, versions
+from pipeline.season.season import Layout, Season, dataset, has_sha256
 
 EQUAL = "yes"
 """Shown for a submission whose results are reproduced to the last bit."""

@@ -17,8 +17,7 @@ from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy
 from labyrinth_core.storage import File
-from pipeline.config import ConfigError, Job
-from pipeline.config.training import TrainingOptions
+from pipeline.config import ConfigError, Job, TrainingOptions
 from pipeline.machinery import Sums, leave, say
 from pipeline.training.identity import (
     choose_device,

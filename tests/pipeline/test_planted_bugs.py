@@ -65,12 +65,10 @@ PLANTS = {
             "labyrinth_core.benchmarks.encoding:Tape.play",
         ),
     ],
-    "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
-    "judge": [
-        ((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.commitment:Season._check")
-    ],
-    "reveal": [(SEASON, "pipeline.season.commitment:Season._check")],
-    "verify": [(SEASON, "pipeline.season.commitment:Season._check")],
+    "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],
+    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:Season._check")],
+    "reveal": [(SEASON, "pipeline.season.season:Season._check")],
+    "verify": [(SEASON, "pipeline.season.season:Season._check")],
 }
 """Stage -> options, and a function that it calls."""
 

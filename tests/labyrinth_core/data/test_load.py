@@ -18,10 +18,16 @@ import pytest
 from datasets import load_dataset
 from support.tampering import episode_rows, put_shards
 
-from labyrinth_core import hub, load_episodes, load_transitions, stream_episodes, stream_transitions
+from labyrinth_core import (
+    hub,
+    load_arrays,
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
 from labyrinth_core.data import COLUMNS, SPLITS
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures.png import encode
 from labyrinth_core.world import Solver, Task, sample_labyrinth
 

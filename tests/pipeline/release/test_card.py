@@ -26,9 +26,9 @@ from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 from support.tampering import cut_short
 
+from labyrinth_core import evaluate
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver

@@ -12,8 +12,8 @@ from support.policies import RELEASED
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from pipeline.season.commitment import Layout
 from pipeline.season.options import SeasonOptions
+from pipeline.season.season import Layout
 
 
 class Performer:

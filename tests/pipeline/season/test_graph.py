@@ -19,9 +19,8 @@ from labyrinth_core.policies import graph
 from labyrinth_core.policies.graph import GraphPolicy
 from labyrinth_core.policies.graph_process import ASKED
 from labyrinth_core.policies.load import GRAPH, MOST_BYTES
-from pipeline.season.commitment import Season
-from pipeline.season.judge import judged
-from pipeline.season.submission import fetched
+from pipeline.season.judge import fetched, judged
+from pipeline.season.season import Season
 
 pytestmark = pytest.mark.slow
 

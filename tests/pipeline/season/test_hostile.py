@@ -23,9 +23,9 @@ from labyrinth_core.learning.spec import MapperSpec, PlannerSpec
 from labyrinth_core.policies import load, opening
 from labyrinth_core.policies.load import GRAPH
 from pipeline.config import ConfigError
-from pipeline.season import judge, submission
-from pipeline.season.commitment import MOST_BYTES, MOST_ROWS, Layout, Season
-from pipeline.season.submission import fetched
+from pipeline.season import judge
+from pipeline.season.judge import fetched
+from pipeline.season.season import MOST_BYTES, MOST_ROWS, Layout, Season
 
 
 @pytest.fixture
@@ -347,7 +347,7 @@ def test_a_policy_of_ours_that_takes_too_long_is_refused_while_it_computes(
     slow = PlannerSpec(False, False, False, channels=32, iterations=5, sharpness=3.0)
     spec = PolicySpec(NetworkSpec("planner", 3, 3, "navigation"), average=True, own=slow)
     lay_out_run(tmp_path / "slow", spec)
-    monkeypatch.setattr(submission, "SECONDS", 0.3)
+    monkeypatch.setattr(judge, "SECONDS", 0.3)
     with (
         fetched(str(tmp_path / "slow")) as given,
         pytest.raises(PolicyError, match=r"the policy takes more than 0\.3 seconds$") as refused,

@@ -19,7 +19,7 @@ from support.crashing import killed_before
 from support.graphs import endless
 
 from pipeline.machinery import Sums
-from pipeline.season.commitment import Season, private_folder
+from pipeline.season.season import Season, private_folder
 
 pytestmark = [
     pytest.mark.slow,

@@ -20,7 +20,7 @@ from pipeline.config import ConfigError
 from pipeline.generation import build
 from pipeline.machinery import Sums
 from pipeline.season import judge
-from pipeline.season.commitment import Season, seed_of, without_seed
+from pipeline.season.season import Season, seed_of, without_seed
 
 __all__ = ["local_hub"]
 

@@ -13,7 +13,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from support.learning import settings_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning import NetworkSpec, PolicySpec, Problem, Steps
@@ -26,7 +26,6 @@ from labyrinth_core.pictures.renderer import Style
 from labyrinth_core.pictures.style import RECOLOURED
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
-from pipeline.evaluation import evaluate
 from pipeline.training import train
 from pipeline.training.loop import read_policy
 
@@ -54,7 +53,7 @@ def folder(
         method={"name": "mapper", **TOY},
     )
     train.run(run)
-    evaluate.run(run)
+    perform("evaluate", run)
     return run.training_folder
 
 

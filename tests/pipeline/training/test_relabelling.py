@@ -105,10 +105,16 @@ def test_routes_that_are_not_shortest_are_not_relabelled(
     name = method.__name__.rpartition(".")[2]
     method.Method(problem, settings_of(name, relabel=True))
     arrays = problem.arrays
-    longer = arrays.demonstrated.copy()
-    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
-    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
-    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    start = arrays.initial[:1]
+    longer = np.flatnonzero(~arrays.optimal[start[0]])[:1]
+    arrays = replace(
+        arrays,
+        routes=(*arrays.routes, longer, longer),
+        route_starts=np.concatenate([arrays.route_starts, start, start]),
+    )
+    problem = problem_of(encoder="cnn", arrays=arrays)
+    count = sum(map(len, arrays.routes))
+    words = rf"\Amethod\.relabel=true: .* 2 of {count} demonstrated .*\.relabel=false\Z"
     with pytest.raises(DatasetError, match=words):
         method.Method(problem, settings_of(name, relabel=True))
     method.Method(problem, settings_of(name, relabel=False))
