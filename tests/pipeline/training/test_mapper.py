@@ -22,8 +22,7 @@ from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
 from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
 from labyrinth_core.learning.spec import MapperSpec
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
-from labyrinth_core.pictures.renderer import Style
-from labyrinth_core.pictures.style import RECOLOURED
+from labyrinth_core.pictures.style import Style
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
 from pipeline.training import train
@@ -103,7 +102,13 @@ def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | Non
 
 LOOKS = {
     "as trained": None,
-    "recoloured": RECOLOURED,
+    "recoloured": Style(
+        (250, 240, 215),
+        (70, 40, 90),
+        start=(204, 121, 167),
+        goal=(86, 180, 233),
+        agent=(230, 159, 0),
+    ),
     "thin": Style(wall_pixels=2),
     "dark": Style(floor=(0, 0, 0), wall=(0, 0, 1), agent=(1, 0, 0), goal=(255, 255, 255)),
 }

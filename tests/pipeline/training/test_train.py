@@ -21,7 +21,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError, Results
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.pictures import looks
+from labyrinth_core.pictures import observations
 from labyrinth_core.policies import RunRecord
 from pipeline.config import ConfigError
 from pipeline.machinery import Sums
@@ -362,7 +362,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
     held, drawn = run_of("held", **seen), run_of("drawn", **seen)
     train.run(held)
-    monkeypatch.setattr(looks, "HELD_BYTES", 0)
+    monkeypatch.setattr(observations, "HELD_BYTES", 0)
     train.run(drawn)
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
