@@ -14,7 +14,6 @@ from typing import Any
 from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
 from pipeline.config.options import WorkOptions
 from pipeline.config.stage import Job
 from pipeline.inspection import front_matter
@@ -71,7 +70,9 @@ def _make(data: Dataset, folder: AnyPath, workers: int) -> str:
     made = ((shard.rows, shard) for shard in ordered_map(partial(_write, folder), about, workers))
     total = sum(shard.labyrinths for shard in needed)
     shards = tuple(tracked(made, "questions", total=total))
-    Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
+    Manifest(manifest.config, Manifest.current_versions(), shards, format=manifest.format).write(
+        folder
+    )
     return f"has {sum(shard.rows for shard in shards):,} questions"
 
 

@@ -23,7 +23,6 @@ from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
-from labyrinth_core.version import build_versions
 from pipeline.config.stage import Job
 from pipeline.generation import built
 from pipeline.machinery.folders import held
@@ -117,7 +116,7 @@ class Season:
             secret_sha256=hashlib.sha256(secret).hexdigest(),
             fingerprint=manifest.fingerprint,
             shards={shard.path: shard.sha256 for shard in manifest.shards},
-            versions=build_versions(),
+            versions=Manifest.current_versions(),
         )
 
     @classmethod
