@@ -26,6 +26,13 @@ MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
 """The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
 
 
+Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""The first row in the split and the number of rows of each of some labyrinths, in order."""
+
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
+
+
 @contextmanager
 def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
     """Check and open the table of labyrinths, whose texts are read dictionary-encoded.
@@ -113,13 +120,6 @@ def decoded(table: pa.Table) -> pa.Table:
                 )
             table = table.set_column(index, name, column.cast(pa.string()))
     return table
-
-
-Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""The first row in the split and the number of rows of each of some labyrinths, in order."""
-
-Filter: TypeAlias = "Expression"
-"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 class Step(NamedTuple):

@@ -33,6 +33,33 @@ from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import LocalFile
 
 
+LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
+"""Environment variable that limits all caches in a folder, in gigabytes; its default."""
+
+LARGE = 500_000_000
+"""From this many bytes on, a warning announces that pictures are being written."""
+
+Columns = Mapping[str, NDArray[Any]]
+"""Fields of `Transitions` by name."""
+
+COLUMNS: dict[str, np.dtype[Any]] = {
+    "rows": np.dtype("<i8"),
+    "actions": np.dtype("<i8"),
+    "rewards": np.dtype("<f4"),
+    "terminated": np.dtype("?"),
+    "labyrinth_ids": np.dtype("<i8"),
+    **{column.name: column.dtype for column in OTHERS},
+}
+"""The fields of `Transitions` except the frames and `optimal`, and its `columns` -> their types."""
+
+FRAMES, SUM = "frames.npy", "sha256"
+_FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)
+_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{32}}", re.ASCII)
+
+Content = Iterable[tuple[NDArray[np.uint8], Columns]]
+"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
+
+
 class Transition(NamedTuple):
     """One step: state, action, next state."""
 
@@ -191,33 +218,6 @@ def _mapped(sent: Any) -> Any:
         return mapped(path)
     except (OSError, ValueError) as error:
         raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
-
-
-LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
-"""Environment variable that limits all caches in a folder, in gigabytes; its default."""
-
-LARGE = 500_000_000
-"""From this many bytes on, a warning announces that pictures are being written."""
-
-Columns = Mapping[str, NDArray[Any]]
-"""Fields of `Transitions` by name."""
-
-COLUMNS: dict[str, np.dtype[Any]] = {
-    "rows": np.dtype("<i8"),
-    "actions": np.dtype("<i8"),
-    "rewards": np.dtype("<f4"),
-    "terminated": np.dtype("?"),
-    "labyrinth_ids": np.dtype("<i8"),
-    **{column.name: column.dtype for column in OTHERS},
-}
-"""The fields of `Transitions` except the frames and `optimal`, and its `columns` -> their types."""
-
-FRAMES, SUM = "frames.npy", "sha256"
-_FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)
-_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{32}}", re.ASCII)
-
-Content = Iterable[tuple[NDArray[np.uint8], Columns]]
-"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
 def name_of(config: str, split: str, image_size: int, content: tuple[Any, ...]) -> str:
