@@ -25,7 +25,6 @@ _TABLE_KINDS = {column.name: column.feature["dtype"] for column in TABLE_COLUMNS
 MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
 """The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
 
-
 Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
 """The first row in the split and the number of rows of each of some labyrinths, in order."""
 

@@ -32,7 +32,6 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import LocalFile
 
-
 LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
 """Environment variable that limits all caches in a folder, in gigabytes; its default."""
 
