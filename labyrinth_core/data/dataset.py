@@ -8,7 +8,7 @@ from __future__ import annotations
 import fnmatch
 import hashlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
@@ -101,7 +101,7 @@ class Part:
             except OSError:  # Reading the shard says why.
                 continue
             if size != shard.bytes:
-                with self.opened(number):  # It raises the error.
+                with self.files[number].opened():  # It raises the error.
                     pass
 
     def _marks(self, spans: Spans, number: int) -> Marks:
@@ -124,7 +124,7 @@ class Part:
             DatasetError: A shard is missing, damaged, or not the one in the manifest.
         """
         for number in np.flatnonzero(self.counts()).tolist():
-            with self.opened(number) as file:
+            with self.files[number].opened() as file:
                 groups = range(file.num_row_groups)
                 yield from self.rows_of(file, number, groups, pictures=pictures)
 
@@ -167,10 +167,6 @@ class Part:
     def _all(self) -> Spans:
         """All labyrinths of the split, from the table of labyrinths."""
         return replace(self.query, steps=()).spans
-
-    def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
-        """Check and open a shard; see `rows.opened`."""
-        return self.files[number].opened()
 
 
 class Source:

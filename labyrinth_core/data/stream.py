@@ -158,7 +158,7 @@ class Reading(Generic[Item]):
             first = ends[place] - int(rows[number])
             count = 0
             if first < own.stop and ends[place] > own.start:
-                with part.opened(number) as file:
+                with part.files[number].opened() as file:
                     parts = self._parts(file, number, first, own, at)
                     count = len(parts)
                     for groups in parts[at["part"] :]:

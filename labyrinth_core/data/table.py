@@ -25,6 +25,12 @@ _TABLE_KINDS = {column.name: column.feature["dtype"] for column in TABLE_COLUMNS
 MOST_TEXT, MOST_TABLE_BYTES = 99, 1000
 """The most bytes of a text in the table of labyrinths; of a row, on average over a row group."""
 
+Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""The first row in the split and the number of rows of each of some labyrinths, in order."""
+
+Filter: TypeAlias = "Expression"
+"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
+
 
 @contextmanager
 def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
@@ -113,13 +119,6 @@ def decoded(table: pa.Table) -> pa.Table:
                 )
             table = table.set_column(index, name, column.cast(pa.string()))
     return table
-
-
-Spans = tuple[NDArray[np.int64], NDArray[np.int64]]
-"""The first row in the split and the number of rows of each of some labyrinths, in order."""
-
-Filter: TypeAlias = "Expression"
-"""A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
 class Step(NamedTuple):

@@ -4,7 +4,7 @@ A cache is a folder with one array per file, mapped into memory: the observation
 the columns of their transitions. Beside them is a SHA-256 of the folder's name and the columns;
 hashing the observations would take as long as reading them. A damaged folder is made again.
 
-One process makes a folder under a lock and a temporary name, then renames it; others wait for it.
+One process makes a folder under a lock, and others wait for it; see `folders.WholeFolder`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,34 @@ from numpy.typing import NDArray
 from labyrinth_core.data.dataset_config import SPLITS
 from labyrinth_core.data.format import OTHERS
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import LocalFile
+
+LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
+"""Environment variable that limits all caches in a folder, in gigabytes; its default."""
+
+LARGE = 500_000_000
+"""From this many bytes on, a warning announces that pictures are being written."""
+
+Columns = Mapping[str, NDArray[Any]]
+"""Fields of `Transitions` by name."""
+
+COLUMNS: dict[str, np.dtype[Any]] = {
+    "rows": np.dtype("<i8"),
+    "actions": np.dtype("<i8"),
+    "rewards": np.dtype("<f4"),
+    "terminated": np.dtype("?"),
+    "labyrinth_ids": np.dtype("<i8"),
+    **{column.name: column.dtype for column in OTHERS},
+}
+"""The fields of `Transitions` except the frames and `optimal`, and its `columns` -> their types."""
+
+FRAMES, SUM = "frames.npy", "sha256"
+_FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)
+_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{32}}", re.ASCII)
+
+Content = Iterable[tuple[NDArray[np.uint8], Columns]]
+"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
 
 
 class Transition(NamedTuple):
@@ -192,33 +219,6 @@ def _mapped(sent: Any) -> Any:
         raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
 
 
-LIMIT_VARIABLE, LIMIT = "LABYRINTH_CACHE_GB", "20"
-"""Environment variable that limits all caches in a folder, in gigabytes; its default."""
-
-LARGE = 500_000_000
-"""From this many bytes on, a warning announces that pictures are being written."""
-
-Columns = Mapping[str, NDArray[Any]]
-"""Fields of `Transitions` by name."""
-
-COLUMNS: dict[str, np.dtype[Any]] = {
-    "rows": np.dtype("<i8"),
-    "actions": np.dtype("<i8"),
-    "rewards": np.dtype("<f4"),
-    "terminated": np.dtype("?"),
-    "labyrinth_ids": np.dtype("<i8"),
-    **{column.name: column.dtype for column in OTHERS},
-}
-"""The fields of `Transitions` except the frames and `optimal`, and its `columns` -> their types."""
-
-FRAMES, SUM = "frames.npy", "sha256"
-_FILES = (FRAMES, *(f"{name}.npy" for name in COLUMNS), SUM)
-_NAME = re.compile(rf".+-({'|'.join(SPLITS)})-\d+-[0-9a-f]{{32}}", re.ASCII)
-
-Content = Iterable[tuple[NDArray[np.uint8], Columns]]
-"""Frames, shape (any number, ...), with the columns of their transitions, in order."""
-
-
 def name_of(config: str, split: str, image_size: int, content: tuple[Any, ...]) -> str:
     """Return the name of a cache's folder; `content` is all else that its data depend on."""
     key = hashlib.sha256(repr((image_size, *content)).encode()).hexdigest()
@@ -256,8 +256,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     columns = _read(folder, shape)
     if columns is not None:
         if lock.exists():  # A process was killed just after it had made the folder.
-            with suppress(OSError), LocalFile(lock).locked(wait=False):
-                pass
+            _remove_leftovers(folder.parent)
         return columns
     size, most = math.prod(shape), _limit()
     if size > most:
@@ -271,6 +270,7 @@ def cached(folder: Path, shape: tuple[int, ...], content: Content) -> Columns:
     _remove_leftovers(folder.parent)
     with LocalFile(lock).locked():
         if _read(folder, shape) is None:  # No other process has made it meanwhile.
+            _remove_unfinished(folder)
             _make_room(folder, most - size)
             _make(folder, shape, content)
     columns = _read(folder, shape)
@@ -349,29 +349,20 @@ def joined_columns(parts: Sequence[Columns]) -> Columns:
 
 def _make(folder: Path, shape: tuple[int, ...], content: Content) -> None:
     """Make the folder of a cache, and replace a damaged one."""
-    temporary, parts = folder.with_name(f".{folder.name}"), []
+    parts = []
 
     def frames() -> Iterator[NDArray[np.uint8]]:
         for some, columns in content:
             parts.append(columns)
             yield some
 
-    _remove(temporary)  # A process that was killed may have left it.
-    temporary.mkdir()
-    try:
-        with LocalFile(folder).naming():
-            _save(temporary / FRAMES, np.dtype(np.uint8), shape, frames())
-            joined = joined_columns(parts)
-            for name, array in joined.items():
-                _save(temporary / f"{name}.npy", array.dtype, array.shape, [array])
-            (temporary / SUM).write_bytes(_digest(folder.name, joined))
-            # Otherwise, after a power failure, the name could be there without the frames.
-            with (temporary / FRAMES).open("rb") as file:
-                os.fsync(file.fileno())
-        _remove(folder)
-        temporary.replace(folder)
-    finally:
-        _remove(temporary)
+    _require_own(folder)
+    with LocalFile(folder).naming(), WholeFolder.of(folder, SUM).made() as made:
+        _save(made / FRAMES, np.dtype(np.uint8), shape, frames())
+        joined = joined_columns(parts)
+        for name, array in joined.items():
+            _save(made / f"{name}.npy", array.dtype, array.shape, [array])
+        (made / SUM).write_bytes(_digest(folder.name, joined))
 
 
 def _save(
@@ -388,17 +379,11 @@ def _save(
             file.write(np.ascontiguousarray(part).data)
 
 
-def _remove(folder: Path) -> None:
-    """Remove the folder of a cache if it exists; raise OSError if it also holds other files."""
-    if folder.is_symlink():
-        folder.unlink()
-    with suppress(FileNotFoundError):
-        for path in folder.iterdir():
-            if path.name not in _FILES:
-                raise OSError(errno.ENOTEMPTY, "is no file of a cache: move it away", str(path))
-        for name in _FILES:
-            (folder / name).unlink(missing_ok=True)
-        folder.rmdir()
+def _require_own(folder: Path) -> None:
+    """Raise OSError if the folder of a cache is a file, or also holds files of others."""
+    for path in folder.iterdir() if folder.exists() else ():
+        if path.name not in _FILES:
+            raise OSError(errno.ENOTEMPTY, "is no file of a cache: move it away", str(path))
 
 
 def _make_room(folder: Path, most: int) -> None:
@@ -413,14 +398,21 @@ def _make_room(folder: Path, most: int) -> None:
     total = sum(size for _, size in used.values())
     for path, (_, size) in sorted(used.items(), key=lambda item: item[1]):
         if total > most:
-            _remove(path)
+            LocalFile(path).remove()
             total -= size
 
 
 def _remove_leftovers(folder: Path) -> None:
-    """Remove what killed processes have left: unfinished folders whose lock no process holds."""
+    """Remove what killed processes have left: unfinished caches whose lock no process holds."""
     for lock in folder.glob(".*.lock"):
-        name = lock.name.removesuffix(".lock")
-        if _NAME.fullmatch(name[1:]):
+        name = lock.name.removesuffix(".lock")[1:]
+        if _NAME.fullmatch(name):
             with suppress(OSError), LocalFile(lock).locked(wait=False):
-                _remove(folder / name)
+                _remove_unfinished(folder / name)
+
+
+def _remove_unfinished(folder: Path) -> None:
+    """Remove what killed processes have left of one cache, whose lock the caller holds."""
+    WholeFolder.of(folder, SUM).recover()
+    for unfinished in LocalFile.temporaries(folder.parent, [folder.name]):
+        LocalFile(unfinished).remove()

@@ -5,10 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data import DatasetConfig
+from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
-from labyrinth_core.version import build_versions
 from pipeline.config import Job
 from pipeline.machinery import Sums, say, table
 from pipeline.season.judge import Row, check_row, fetched, judged, read_list, shown, versions
@@ -88,7 +87,7 @@ def _other_files(layout: Layout, season: Season, paths: list[str]) -> int:
     then = season.versions
     unlike = [
         f"{name} {then[name]}, here {here}"
-        for name, here in build_versions().items()
+        for name, here in Manifest.current_versions().items()
         if name in then and then[name] != here
     ]
     why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"

@@ -6,6 +6,7 @@ import os
 import pickle
 import shutil
 import threading
+from contextlib import contextmanager
 from dataclasses import fields, replace
 
 import numpy as np
@@ -294,7 +295,7 @@ def test_who_waits_takes_what_the_other_has_made(cache, monkeypatch):
 
 @pytest.mark.parametrize("again", [NAME, OTHER])
 def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
-    unfinished = cache / f".{NAME}"
+    unfinished = LocalFile(cache / NAME).temporary() / NAME
     unfinished.mkdir(parents=True)
     (unfinished / FRAMES).write_bytes(b"half of it")
     (cache / f".{NAME}.lock").touch()
@@ -302,8 +303,22 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
     assert only_folder(cache).name == again
 
 
+def test_what_a_process_leaves_that_is_killed_while_another_waits_is_removed(cache, monkeypatch):
+    locked = LocalFile.locked
+
+    @contextmanager
+    def after_a_kill(lock, **options):
+        with locked(lock, **options):
+            LocalFile(cache / NAME).temporary().mkdir()
+            yield
+
+    monkeypatch.setattr(LocalFile, "locked", after_a_kill)
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+
+
 def test_a_folder_that_another_process_writes_is_not_taken_for_a_leftover(cache):
-    unfinished = cache / f".{NAME}"
+    unfinished = LocalFile(cache / NAME).temporary() / NAME
     unfinished.mkdir(parents=True)
     (unfinished / FRAMES).touch()
     with LocalFile(cache / f".{NAME}.lock").locked():
@@ -319,6 +334,23 @@ def test_files_of_others_are_left_alone(data_dir, cache, monkeypatch):
     monkeypatch.setenv(LIMIT_VARIABLE, "1e-3")
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert all(path.exists() for path in others)
+
+
+def test_a_damaged_cache_that_a_killed_process_had_put_aside_is_removed(cache):
+    load_few(cache / NAME)
+    aside = LocalFile(cache / NAME).temporary(".replaced")
+    shutil.copytree(cache / NAME, aside)
+    (cache / f".{NAME}.lock").touch()
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+
+
+def test_a_file_under_the_name_of_a_cache_is_left_and_done_without(cache):
+    cache.mkdir()
+    (cache / NAME).write_text("mine")
+    with pytest.raises(NotADirectoryError):
+        load_few(cache / NAME)
+    assert only_folder(cache).read_text() == "mine"
 
 
 def test_a_folder_under_the_name_of_a_cache_with_a_file_of_another_is_left_and_done_without(

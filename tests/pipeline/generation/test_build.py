@@ -27,11 +27,10 @@ from labyrinth_core.data import manifest as listing
 from labyrinth_core.language import parse
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import LocalFile
-from labyrinth_core.version import build_versions
-from labyrinth_core.world import State, Task
+from labyrinth_core.world import State
+from labyrinth_core.world import Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
-from pipeline.generation import workplace
 from pipeline.generation.check import validate
 from pipeline.inspection.statistics import count_dataset
 
@@ -103,8 +102,8 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "StatePictures", OtherPictures)
-        versions = build_versions() | {"png": "Pillow, deflate level 1"}
-        patch.setattr(generation, "build_versions", lambda: versions)
+        versions = Manifest.current_versions() | {"png": "Pillow, deflate level 1"}
+        patch.setattr(Manifest, "current_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
     here, other = Manifest.read(build(tmp_path, **small).folder), Manifest.read(folder)
     assert other.fingerprint == here.fingerprint
@@ -348,7 +347,7 @@ def test_what_another_version_left_is_discarded(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "StatePictures", OtherPictures)
-        patch.setattr(workplace, "build_versions", lambda: {"png": "another"})
+        patch.setattr(Manifest, "current_versions", lambda: {"png": "another"})
         stop_after(tmp_path, 3)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 
