@@ -25,7 +25,6 @@ from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
-from labyrinth_core.version import build_versions
 from pipeline.config import ConfigError, Job, check
 from pipeline.generation import built
 from pipeline.machinery import held, produced, say
@@ -119,7 +118,7 @@ class Season:
             secret_sha256=hashlib.sha256(secret).hexdigest(),
             fingerprint=manifest.fingerprint,
             shards={shard.path: shard.sha256 for shard in manifest.shards},
-            versions=build_versions(),
+            versions=Manifest.current_versions(),
         )
 
     @classmethod

@@ -6,12 +6,13 @@ import csv
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from PIL import Image
 from support.commands import RUN, ended
-from support.making import make, perform
+from support.making import RunConfig, make, perform
 from support.policies import RELEASED, lay_out_run
 from support.publishing import REPO, environment, local_hub, published
 from support.quick_python import python
@@ -23,7 +24,6 @@ from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
 from pipeline.command.dataset import SplitsConfig
 from pipeline.config import ConfigError
-from pipeline.evaluation.options import EvaluationOptions
 
 __all__ = ["local_hub"]
 
@@ -60,6 +60,9 @@ def seven(observations):
 """
 
 
+EVALUATION = replace(RunConfig().evaluation, splits=("test",))
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A working directory with modules of policies."""
@@ -83,7 +86,7 @@ def run_of(small_dataset, make_run, folder):
             policy=policy,
             run_dir=str(folder / "runs"),
             observation=observation,
-            evaluation=EvaluationOptions(**{"splits": ("test",)} | options),
+            evaluation=replace(EVALUATION, **options),
         )
 
     return of
@@ -233,7 +236,7 @@ def test_impossible_options_are_refused_in_one_line(run_of, options, message):
 def test_a_dataset_in_which_no_train_could_be_another_has_no_receipt(make_run, folder):
     data = folder / "apart"
     make(data, "4x4", labyrinths=5, splits=SplitsConfig(2), random_steps=1)
-    asked = EvaluationOptions(splits=("test",), memorised=10)
+    asked = replace(EVALUATION, memorised=10)
     given = {"size": "4", "labyrinths": 5, "splits": SplitsConfig(2), "stages": ["evaluate"]}
     with pytest.raises(ConfigError, match=r"evaluation.memorised=10: splits.min_walls=2: [^\n]+$"):
         perform("evaluate", make_run(data, policy="strange:right", evaluation=asked, **given))
