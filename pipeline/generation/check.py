@@ -41,8 +41,7 @@ from pipeline.generation.table import (
     read_schema,
     table_part,
 )
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.counts import routes_of
+from pipeline.inspection import Companion, routes_of
 from pipeline.machinery import ordered_map, say, tracked
 
 PROBLEMS_SHOWN = 20

@@ -10,7 +10,7 @@ from typing import Any
 from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.questions import QUESTION_COLUMNS, question
-from pipeline.inspection.counts import routes_of
+from pipeline.inspection import routes_of
 from pipeline.machinery import ordered_map
 
 GROUP_ROWS = 256

@@ -30,12 +30,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         *[((), "pipeline.questions.check:routes_of")] * ("questions" in STAGES),
     ],
-    "analyse": [((), "pipeline.inspection.counts:Solver")],
+    "analyse": [((), "pipeline.inspection.statistics:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
-    "card": [((), "pipeline.inspection.statistics:_pair")],
+    "card": [((), "pipeline.inspection.analyse:_pair")],
     "report": [
-        ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:Solver"),
+        ((), "pipeline.inspection.analyse:_pair"),
+        ((), "pipeline.inspection.statistics:Solver"),
     ],
     "publish": [
         (

@@ -27,12 +27,11 @@ from labyrinth_core.data import manifest as listing
 from labyrinth_core.language import parse
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import LocalFile
-from labyrinth_core.world import State
-from labyrinth_core.world import Task
+from labyrinth_core.world import State, Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
 from pipeline.generation.check import validate
-from pipeline.inspection.statistics import count_dataset
+from pipeline.inspection import statistics
 
 Build = Callable[..., Run]
 
@@ -176,7 +175,7 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     assert max(sizes) < 20
     assert rows_by_split(folder) == rows_by_split(small_dataset.folder)
     assert validate(Dataset.at(folder, divided)) == []
-    found = [count_dataset(Dataset.at(each)) for each in (folder, small_dataset.folder)]
+    found = [statistics.count_dataset(Dataset.at(each)) for each in (folder, small_dataset.folder)]
     assert str(found[0].splits) == str(found[1].splits)
     data_dirs = (tmp_path, small_dataset.data_dir)
     loaded = [load_episodes(each, "3x3", split="random") for each in data_dirs]

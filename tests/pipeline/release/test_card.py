@@ -33,8 +33,7 @@ from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
 from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.inspection import front_matter, statistics
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.inspection import DatasetStatistics, front_matter, statistics, statistics_of
 from pipeline.machinery import Sums
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of

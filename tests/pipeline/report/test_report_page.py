@@ -30,7 +30,7 @@ from labyrinth_core.world import (
     Task,
     sample_labyrinth,
 )
-from pipeline.inspection.front_matter import finished
+from pipeline.inspection import front_matter
 from pipeline.report.report import write_report
 
 pytestmark = [pytest.mark.slow, pytest.mark.programs("chromium")]
@@ -182,7 +182,7 @@ def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report,
           ]),
         ])"""
     )
-    names = [manifest.config.name for manifest in finished(reported)]
+    names = [manifest.config.name for manifest in front_matter.finished(reported)]
     assert [(name, split) for name, split, _ in packed] == [
         (n, s) for n in names for s in SPLITS.base
     ]
