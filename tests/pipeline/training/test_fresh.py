@@ -22,7 +22,7 @@ from labyrinth_core.learning.problem import FreshLabyrinths, Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
-from pipeline.command.dataset import SplitsConfig
+from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
 from pipeline.evaluation import evaluate as stage
 from pipeline.training import train

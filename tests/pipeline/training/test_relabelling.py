@@ -22,7 +22,7 @@ from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.steps import load_steps
 from labyrinth_core.world import Episode, Task
-from pipeline.command.dataset import DemonstrationsConfig
+from pipeline.command.composed import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
 
