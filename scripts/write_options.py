@@ -19,7 +19,7 @@ from typing import Any
 from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, DatasetOptions, declared
 from pipeline.command.stages import STAGES
 from pipeline.config import ExportOptions, TrainingOptions
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 ROOT = Path(__file__).parents[1]
 

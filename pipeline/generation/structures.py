@@ -41,7 +41,7 @@ from pipeline.generation.shifts import (
     selected_shifts,
     train_of,
 )
-from pipeline.inspection.near_twins import Neighbourhood
+from pipeline.inspection import Neighbourhood
 from pipeline.machinery import tracked
 
 COUNTABLE_EDGES = 13

@@ -18,7 +18,6 @@ from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.version import build_versions
 from pipeline.machinery import Ownership, Sums, within
 
 _CONFIG = "config.json"
@@ -240,7 +239,7 @@ class Workplace:
 
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
     """Return everything that determines the shards of a build, and the number of its parts."""
-    return {**config.to_json(), **build_versions(), "parts": parts}
+    return {**config.to_json(), **Manifest.current_versions(), "parts": parts}
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:

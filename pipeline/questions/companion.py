@@ -11,7 +11,7 @@ import yaml
 
 from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.questions import QUESTION_COLUMNS
-from pipeline.inspection.companions import Companion
+from pipeline.inspection import Companion
 from pipeline.machinery import table
 from pipeline.questions.check import question_problems
 

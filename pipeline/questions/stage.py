@@ -14,7 +14,6 @@ from typing import Any
 from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
 from pipeline.config import Job, WorkOptions
 from pipeline.inspection import front_matter
 from pipeline.machinery import held, ordered_map, produced, say, tracked
@@ -67,7 +66,9 @@ def _make(data: Dataset, folder: AnyPath, workers: int) -> str:
     made = ((shard.rows, shard) for shard in ordered_map(partial(_write, folder), about, workers))
     total = sum(shard.labyrinths for shard in needed)
     shards = tuple(tracked(made, "questions", total=total))
-    Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
+    Manifest(manifest.config, Manifest.current_versions(), shards, format=manifest.format).write(
+        folder
+    )
     return f"has {sum(shard.rows for shard in shards):,} questions"
 
 

@@ -10,9 +10,7 @@ from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Columns, Manifes
 from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language import dump
 from labyrinth_core.world import Action
-from pipeline.inspection import front_matter
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.statistics import DatasetStatistics
+from pipeline.inspection import Companion, DatasetStatistics, front_matter
 from pipeline.machinery import count, plain, table
 from pipeline.release.figures import BANNER, FIGURES, picture_path
 from pipeline.release.texts import (

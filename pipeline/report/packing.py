@@ -18,7 +18,7 @@ import numpy as np
 from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth
-from pipeline.inspection.counts import Route, SplitCounts, routes_of
+from pipeline.inspection import Route, SplitCounts, routes_of
 from pipeline.machinery import ordered_map
 
 _NUMBER_BYTES = 4

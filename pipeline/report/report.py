@@ -21,7 +21,7 @@ from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
 from pipeline.config import Job
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.inspection import DatasetStatistics, statistics_of
 from pipeline.machinery import leave, say, within
 from pipeline.report.findings import read_results
 from pipeline.report.options import ReportOptions

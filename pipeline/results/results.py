@@ -18,12 +18,16 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
 from pipeline.config import Job
 from pipeline.machinery import Sums, count, leave, say
-from pipeline.results.checking import Checks
-from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all
-from pipeline.results.leaderboard import LEADERBOARD, leaderboard
+from pipeline.results.checking import RUNS, Checks, comparable, gather, of_equal_weights, read_all
+from pipeline.results.leaderboard import (
+    LEADERBOARD,
+    Entry,
+    boards,
+    entries_of,
+    leaderboard,
+    title_of,
+)
 from pipeline.results.options import ResultsOptions
-from pipeline.results.paper import title_of
 from pipeline.results.tables import tables
 
 

@@ -15,7 +15,7 @@ from kept_results import Run, bounds, grouped, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
 from pipeline.machinery import table
-from pipeline.results.paper import name_of
+from pipeline.results.leaderboard import name_of
 
 SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")
 """The sets of labyrinths in the tables."""

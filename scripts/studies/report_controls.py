@@ -10,7 +10,7 @@ from kept_results import grouped, read_runs, solved_in, whole
 from report_ablation import shown
 
 from pipeline.machinery import table
-from pipeline.results.paper import name_of
+from pipeline.results.leaderboard import name_of
 
 
 def planner_by_seed() -> str:

@@ -17,7 +17,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, Results
 from labyrinth_core.policies.load import RunRecord
 from pipeline.machinery import Sums, leave
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 
 def main() -> None:

@@ -33,13 +33,19 @@ COMMITTING = ("POST", "/commit/main$")
 SHARD = "2x3/train-00000-of-00001.parquet"
 
 
-@pytest.fixture
-def folder(versions: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A finished dataset with its card; samples of its releases are not loaded."""
-    monkeypatch.setattr(publish, "loaded", lambda *_: "")
-    folder = Path(shutil.copytree(versions[1], tmp_path / "labyrinth"))
+@pytest.fixture(scope="module")
+def carded(versions: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished dataset with its card; not to be changed."""
+    folder = Path(shutil.copytree(versions[1], tmp_path_factory.mktemp("carded") / "labyrinth"))
     write_card(folder, Release(REPO, "1.0.0"))
     return folder
+
+
+@pytest.fixture
+def folder(carded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, to be changed; samples of its releases are not loaded."""
+    monkeypatch.setattr(publish, "loaded", lambda *_: "")
+    return Path(shutil.copytree(carded, tmp_path / "labyrinth"))
 
 
 @pytest.fixture

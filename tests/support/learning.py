@@ -13,15 +13,13 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import Observations, load_steps
-from pipeline.training import checkpoint
-from pipeline.training.checkpoint import Progress
-from pipeline.training.method import find
+from labyrinth_core.learning import Learner, NetworkSpec, Observations, Problem
+from labyrinth_core.learning.problem import load_steps
+from pipeline.training import loop
+from pipeline.training.identity import find
+from pipeline.training.loop import Progress
 from support.making import Run
 
 torch.set_num_threads(1)
@@ -73,14 +71,14 @@ def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]],
     def after_two_epochs(learner: Learner) -> dict[str, torch.Tensor]:
         learner.epoch()
         if not path.exists():
-            checkpoint.save(path, learner, Progress(), {})
+            loop.save_checkpoint(path, learner, Progress(), {})
         learner.epoch()
         return learner.policy.state_dict()
 
     def require(learner_of: Callable[[int], Learner]) -> None:
         whole, again, other = (after_two_epochs(learner_of(seed)) for seed in (0, 0, 1))
         resumed = learner_of(5)
-        checkpoint.load(path, resumed, {})
+        loop.load_checkpoint(path, resumed, {})
         resumed.epoch()
         assert equal_weights(whole, again)
         assert equal_weights(whole, resumed.policy.state_dict())

@@ -9,12 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.learning.spec import (
-    NetworkSpec,
-    PlannerSpec,
-    PolicySpec,
-)
-from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
+from labyrinth_core.learning import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import PlannerSpec
+from labyrinth_core.policies import RunRecord
+from labyrinth_core.policies.load import RECORD_FORMAT
 from labyrinth_core.storage import File
 from pipeline.config import TrainingOptions
 

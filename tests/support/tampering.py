@@ -21,7 +21,7 @@ from PIL import Image
 from labyrinth_core.data import COLUMNS, Dataset, Manifest
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import PICTURE_SIZE, Painter, PictureDigest
-from labyrinth_core.pictures.png import strips_in, strips_of
+from labyrinth_core.pictures.png import strips_of
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
@@ -165,7 +165,7 @@ def picture_digest_of(png: bytes) -> bytes:
         return PictureDigest(strips).digest({})
     try:  # Of another encoder. Pillow takes five milliseconds.
         picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))
-        return PictureDigest(strips_in(picture)).digest({})
+        return PictureDigest.of(picture)
     except (OSError, SyntaxError):
         return b"not a picture at all"
 

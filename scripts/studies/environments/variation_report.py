@@ -20,7 +20,7 @@ from environments.environment import FACTS
 from environments.variation import Variation
 from labyrinth_core.storage import File
 from pipeline.machinery import table
-from pipeline.results.entry import as_csv
+from pipeline.results.leaderboard import as_csv
 
 Visits = NDArray[np.int64]
 Values = dict[str, Any]

@@ -6,8 +6,8 @@ import pytest
 import torch
 from torch import nn
 
+from labyrinth_core.learning import NetworkSpec
 from labyrinth_core.learning.networks.network import Mlp, Network, ResNet18, as_input
-from labyrinth_core.learning.spec import NetworkSpec
 from labyrinth_core.world import Task
 
 pytestmark = pytest.mark.slow

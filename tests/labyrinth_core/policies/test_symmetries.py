@@ -9,7 +9,7 @@ import torch
 from torch import Tensor, nn
 
 from labyrinth_core.language import load
-from labyrinth_core.learning.networks.symmetry import (
+from labyrinth_core.learning.networks.network import (
     SYMMETRIES,
     Averaged,
     transform,

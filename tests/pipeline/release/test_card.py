@@ -24,17 +24,16 @@ from support.commands import ended
 from support.composing import composed
 from support.making import RunConfig, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
+from support.tampering import cut_short
 
-from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
-from labyrinth_core.data.splits import is_of_train
+from labyrinth_core import evaluate
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
 from pipeline.command.composed import DemonstrationsConfig, SplitsConfig
-from pipeline.inspection import front_matter
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
+from pipeline.inspection import DatasetStatistics, front_matter, statistics, statistics_of
 from pipeline.machinery import Sums
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
@@ -112,12 +111,32 @@ def test_a_card_says_what_each_split_shifts_and_holds_as_the_splits_themselves_d
     assert list(compared) == list(SPLITS)
     for name, (shifted, held) in compared.items():
         kind = SPLITS[name]
-        new = {"structure": not is_of_train(name), "start": kind.new_start, "goal": kind.new_goal}
+        of_train = name == "train" or (kind.parent == "train" and not kind.new_structure)
+        new = {"structure": not of_train, "start": kind.new_start, "goal": kind.new_goal}
         for factor, is_new in new.items():
             assert (factor in re.split(r"\W+", shifted)) == is_new, name
             assert is_new or held == "everything" or factor in re.split(r"\W+", held), name
         assert ("colours" in shifted) == (kind.look is Look.RECOLOURED)
         assert ("walls" in shifted) == (kind.look is Look.THIN_WALLS)
+
+
+def test_a_card_after_an_analysis_counts_no_row_again_but_finds_a_damaged_shard(
+    tmp_path, monkeypatch
+):
+    data_dir = tmp_path / "labyrinth"
+    made = make(data_dir, "2x3", labyrinths=2, random_steps=5)
+    perform("analyse", (run := resolve(RunConfig(size="2x3", data_dir=str(data_dir)))))
+    with monkeypatch.context() as patch:
+        patch.setattr(statistics, "count_shard", None)
+        perform("card", run)
+    first = everything(data_dir)
+    statistics.count_dataset(Dataset.at(make(tmp_path / "other", "2x3", labyrinths=1)))
+    card.write_card(data_dir)
+    assert everything(data_dir) == first
+    statistics.count_dataset(Dataset.at(made))
+    cut_short(made / "train-00000-of-00001.parquet")
+    with pytest.raises(DatasetError, match=r"train-00000-of-00001\.parquet is damaged"):
+        card.write_card(data_dir)
 
 
 def test_a_card_says_what_route_memory_and_random_steps_solve_of_test(carded):

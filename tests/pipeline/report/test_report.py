@@ -16,10 +16,8 @@ from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data import Dataset, Manifest
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
-from pipeline.inspection.counts import count_routes, routes
-from pipeline.inspection.statistics import read_analysis
+from pipeline.inspection import routes_of, statistics_of
 from pipeline.machinery import Sums
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
@@ -44,8 +42,13 @@ def data_of(text: str):
 
 def routes_in(dataset):
     """Return the routes of the split train."""
-    episodes = load_episodes(dataset.data_dir, "3x3", observation="vector")
-    return list(routes((each.info, each.actions.tolist(), 0.0) for each in episodes))
+    (file,) = Dataset.at(dataset.folder).files("train")
+    return list(routes_of(file))
+
+
+def analysis_of(data_dir):
+    """Return the analysis of the only dataset of a folder, None if it has none."""
+    return statistics_of(data_dir, "report")[0].analysis
 
 
 def test_shards_add_up_to_what_they_are_together(small_dataset):
@@ -58,7 +61,7 @@ def test_shards_add_up_to_what_they_are_together(small_dataset):
 @pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
 def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_dataset, limit):
     found = routes_in(small_dataset)
-    counts = count_routes(found, (3, 3)).counts
+    counts = statistics_of(small_dataset.data_dir, "report")[0].splits["train"]
     told = pack_routes(found, ROOMY).to_json(counts, limit)
     assert (told["labyrinths"], told["episodes"]) == (8, counts.episodes)
     for name in ("moves", "loops", "junctions"):
@@ -92,15 +95,14 @@ def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
 
 def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
     folder = data_dir / "3x3"
-    manifest = Manifest.read(folder)
-    assert read_analysis(Dataset.at(folder, manifest)) is None
+    assert analysis_of(data_dir) is None
     content = analyse(folder)
-    found = read_analysis(Dataset.at(folder, manifest))
+    found = analysis_of(data_dir)
     counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
     assert found["pairs"][0]["counts"] == counts
     assert found["pairs"][0]["spread"] == "0, 4"
     (folder / Manifest.ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
-    assert read_analysis(Dataset.at(folder, manifest)) is None
+    assert analysis_of(data_dir) is None
 
 
 def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
@@ -241,7 +243,7 @@ def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
         reduce(getitem, path, content)[last] = value
     (folder / Manifest.ANALYSIS).write_text(json.dumps(content) if place else value)
     with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it again$"):
-        read_analysis(Dataset.at(folder))
+        analysis_of(data_dir)
 
 
 def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path):

@@ -15,8 +15,7 @@ from support.submitted import content_of, forgetful, of_run, results_of
 
 from labyrinth_core.evaluation.scores import ACCURACIES
 from pipeline.results import results as stage
-from pipeline.results.checking import Checks
-from pipeline.results.kept import read_all
+from pipeline.results.checking import Checks, read_all
 
 TABLES = ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv")
 

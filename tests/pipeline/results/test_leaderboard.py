@@ -19,8 +19,7 @@ from labyrinth_core import memorised
 from labyrinth_core.evaluation import Description, Results
 from labyrinth_core.evaluation.scores import Scores, interval
 from pipeline.results import results as stage
-from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.leaderboard import MARK, leaderboard
+from pipeline.results.leaderboard import MARK, Entry, boards, entries_of, leaderboard
 from pipeline.results.results import RefusedError
 
 ROOT = Path(__file__).parents[3]

@@ -10,14 +10,13 @@ import pytest
 from scipy.stats import ttest_ind
 
 from labyrinth_core.evaluation import Results
-from pipeline.results.comparison import (
+from pipeline.results.leaderboard import entries_of, name_of
+from pipeline.results.tables import (
     conclusion,
     differences_of,
     exchange_test,
     interquartile_mean,
 )
-from pipeline.results.entry import entries_of
-from pipeline.results.paper import name_of
 
 pytestmark = pytest.mark.slow
 

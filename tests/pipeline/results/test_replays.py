@@ -16,7 +16,7 @@ from support.submitted import forgetful, results_of
 
 from labyrinth_core import Dataset, evaluate, open_policy
 from labyrinth_core.evaluation import Description, Evaluation
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 from pipeline.results import results as stage
 from pipeline.results.checking import require_replay
 from pipeline.results.options import CheckOptions

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +19,8 @@ from seasons import Performer
 from support.crashing import killed_before
 from support.graphs import endless
 
+from labyrinth_core.storage import LocalFile
 from pipeline.machinery import Sums
-from pipeline.season.commitment import Season, private_folder
 
 pytestmark = [
     pytest.mark.slow,
@@ -71,7 +72,9 @@ def test_a_season_goes_on_after_a_kill_before_any_change(tmp_path, make_run):
     def right(perform, said):
         assert "publish this folder now" in said, said
         place = perform.place
-        Season.read(place).require_secret(place.secret)
+        secret = bytes.fromhex(place.secret.read_text(encoding="ascii"))
+        committed = json.loads(place.season.read_text(encoding="utf-8"))["secret_sha256"]
+        assert hashlib.sha256(secret).hexdigest() == committed
         names = ["2026-a.secret", f"2026-a/{Sums.FILE}", "2026-a/season.json"]
         assert files_in(perform.folder / "seasons") == sorted(names)
         checked(place.public)
@@ -181,10 +184,11 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
 @contextmanager
 def private_folder_in(folder):
     """Hold a temporary folder of a process that is alive."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tempfile, "tempdir", str(folder))
-        with private_folder() as own:
-            yield own
+    own = folder / "labyrinth-season-alive"
+    with LocalFile(folder / f".{own.name}.lock").locked():
+        own.mkdir()
+        yield own
+        own.rmdir()
 
 
 def busy(process):

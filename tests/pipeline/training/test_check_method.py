@@ -11,7 +11,7 @@ import torch
 from labyrinth_core.learning import Learner
 from labyrinth_core.testing import check_method
 from pipeline.config import TrainingOptions
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow  # Each method is trained for two epochs, twice.
 

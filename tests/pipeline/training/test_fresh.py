@@ -12,23 +12,20 @@ import numpy as np
 import pytest
 import torch
 from support.learning import equal_weights
-from support.making import Run
+from support.making import Run, perform
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.evaluation import Results
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import FreshLabyrinths, Problem
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning import Learner, Problem
+from labyrinth_core.learning.problem import FreshLabyrinths, load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
 from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
-from pipeline.evaluation import evaluate as stage
 from pipeline.training import train
-from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
+from pipeline.training.identity import find
+from pipeline.training.loop import PROTOCOLS, Progress, fit
 
 VECTORS = ObservationSpec("vector", 64)
 
@@ -176,7 +173,7 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
         train_labyrinths="fresh",
     )
     train.run(run)
-    stage.run(run)
+    perform("evaluate", run)
     assert run.training_folder.name == "bc-cnn-seed0-fresh"
     results = Results.load(run.training_folder / "results.json")
     assert results.run.of_all_seeds == "bc-cnn-fresh"

@@ -13,8 +13,8 @@ import pytest
 import torch
 from support.learning import settings_of
 
+from labyrinth_core.learning import Problem
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.problem import Problem
 from pipeline.config import ConfigError
 from pipeline.training.loop import PROTOCOLS, fit
 from pipeline.training.record import CHECKPOINT

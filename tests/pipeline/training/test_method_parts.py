@@ -12,19 +12,17 @@ import torch
 from support.learning import settings_of, targets_of
 from torch import nn
 
-from labyrinth_core.learning import learner
+from labyrinth_core.learning import NetworkSpec, Problem, Rollout, Steps, learner, roll_out
 from labyrinth_core.learning.methods import bco, dagger, gail, iupe, sqil
-from labyrinth_core.learning.networks.adversarial import Discriminator
-from labyrinth_core.learning.networks.network import Cnn
-from labyrinth_core.learning.networks.symmetry import (
+from labyrinth_core.learning.networks.network import (
     SYMMETRIES,
+    Cnn,
+    Discriminator,
     transform,
     transform_examples,
     transformed_actions,
 )
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import Rollout, Steps, draw, roll_out, softmax
+from labyrinth_core.learning.problem import draw, softmax
 
 pytestmark = pytest.mark.slow
 

@@ -13,13 +13,11 @@ from support.learning import equal_weights, states_seen_by
 from torch import nn
 
 from labyrinth_core.evaluation import Player
-from labyrinth_core.learning.learner import Learner
+from labyrinth_core.learning import Learner, Observations, Problem, Steps
 from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import Observations, Steps
 from labyrinth_core.pictures import Looks
 from pipeline.config import TrainingOptions
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow
 

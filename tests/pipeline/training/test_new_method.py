@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
 from labyrinth_core.errors import DatasetError
 from pipeline.config import ConfigError
-from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow
 
@@ -60,8 +59,8 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run]) -> Callable[..., Ru
 
 
 def trained(run: Run) -> dict[str, Any]:
-    for stage in (train, evaluate):
-        stage.run(run)
+    for stage in ("train", "evaluate"):
+        perform(stage, run)
     record: dict[str, Any] = json.loads((run.training_folder / "run.json").read_bytes())
     return record
 

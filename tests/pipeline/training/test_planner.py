@@ -15,17 +15,16 @@ from support.making import Run
 from support.policies import RELEASED
 from torch import nn
 
+from labyrinth_core import load_arrays
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.learning import NetworkSpec, PolicySpec, Problem
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.networks.acting import NetworkPolicy
 from labyrinth_core.learning.networks.planning import FAR, Bellman
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
 from labyrinth_core.pictures import ObservationSpec, render
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Look, State, Structure
-from pipeline.training.checkpoint import read_policy
+from pipeline.training.loop import read_policy
 
 pytestmark = pytest.mark.slow
 

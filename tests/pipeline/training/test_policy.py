@@ -10,11 +10,11 @@ import torch
 from safetensors.torch import save_file
 
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning import NetworkSpec, outputs_of
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
+from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy
 from labyrinth_core.learning.networks.network import Network
-from labyrinth_core.learning.spec import NetworkSpec
-from pipeline.training.checkpoint import read_policy, save_policy
+from pipeline.training.loop import read_policy, save_policy
 
 pytestmark = pytest.mark.slow
 

@@ -13,14 +13,14 @@ import pytest
 from support.learning import settings_of
 from support.making import Run
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
+from labyrinth_core.learning import Problem
 from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.methods import bc, planner
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning.problem import load_steps
 from labyrinth_core.world import Episode, Task
 from pipeline.command.composed import DemonstrationsConfig
 
@@ -105,10 +105,16 @@ def test_routes_that_are_not_shortest_are_not_relabelled(
     name = method.__name__.rpartition(".")[2]
     method.Method(problem, settings_of(name, relabel=True))
     arrays = problem.arrays
-    longer = arrays.demonstrated.copy()
-    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
-    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
-    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    start = arrays.initial[:1]
+    longer = np.flatnonzero(~arrays.optimal[start[0]])[:1]
+    arrays = replace(
+        arrays,
+        routes=(*arrays.routes, longer, longer),
+        route_starts=np.concatenate([arrays.route_starts, start, start]),
+    )
+    problem = problem_of(encoder="cnn", arrays=arrays)
+    count = sum(map(len, arrays.routes))
+    words = rf"\Amethod\.relabel=true: .* 2 of {count} demonstrated .*\.relabel=false\Z"
     with pytest.raises(DatasetError, match=words):
         method.Method(problem, settings_of(name, relabel=True))
     method.Method(problem, settings_of(name, relabel=False))

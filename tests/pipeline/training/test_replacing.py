@@ -16,12 +16,11 @@ from typing import Any
 import pytest
 from support.crashing import killed_before
 from support.making import Run
-from support.quick_python import python
 
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.learning import PolicySpec
 from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import PolicySpec
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
 from pipeline.config import ConfigError
 from pipeline.machinery import Sums, leave
@@ -182,5 +181,6 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
         "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
     )
     for backend in ("module://no_such.backend", "no_such"):
-        command, environment = [python(), "-c", program], os.environ | {"MPLBACKEND": backend}
+        # A quick Python has imported Matplotlib, which reads this when it is imported.
+        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)
