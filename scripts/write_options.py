@@ -16,8 +16,7 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
-from pipeline.command.dataset import DatasetOptions
+from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, DatasetOptions, declared
 from pipeline.command.stages import STAGES
 from pipeline.config import ExportOptions, TrainingOptions
 from pipeline.training.identity import find

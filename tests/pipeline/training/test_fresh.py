@@ -21,7 +21,7 @@ from labyrinth_core.learning import Learner, Problem
 from labyrinth_core.learning.problem import FreshLabyrinths, load_steps
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
-from pipeline.command.dataset import SplitsConfig
+from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
 from pipeline.training import train
 from pipeline.training.identity import find

@@ -22,7 +22,7 @@ from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
 from labyrinth_core.learning.methods import bc, planner
 from labyrinth_core.learning.problem import load_steps
 from labyrinth_core.world import Episode, Task
-from pipeline.command.dataset import DemonstrationsConfig
+from pipeline.command.composed import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
 
