@@ -24,7 +24,7 @@ RELEASED_SPEC = PolicySpec(
 )
 
 
-def lay_out_run(folder, spec, **run):
+def lay_out_run(folder, spec, deviation=1.0, **run):
     """Write a run whose policy has random weights into a new folder; return the folder."""
     import torch
     from safetensors.torch import save_file
@@ -34,7 +34,7 @@ def lay_out_run(folder, spec, **run):
     folder.mkdir(parents=True)
     network = make_network(spec.network, average=spec.average, own=spec.own)
     for weights in network.parameters():
-        torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
+        torch.nn.init.normal_(weights, std=deviation, generator=torch.Generator().manual_seed(0))
     described = {"network": json.dumps(asdict(spec.network))}
     save_file(network.state_dict(), folder / PolicySpec.WEIGHTS, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
