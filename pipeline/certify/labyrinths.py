@@ -17,8 +17,7 @@ from labyrinth_core.listing import files_in
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Labyrinth, Structure
 from pipeline.inspection import as_text, find_leakage, front_matter, id_of
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
+from pipeline.machinery import leave, say, tracked
 
 PROBLEMS_SHOWN = 10
 """The maximum number of problems printed in the terminal."""

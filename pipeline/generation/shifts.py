@@ -1,6 +1,6 @@
 """The shifts that select their own structures: the candidates' properties, and the selection.
 
-`labyrinth_core.data.splits` says what the other shifts change, and `labyrinths` makes their
+`labyrinth_core.data.dataset_config` says what the other shifts change, and `labyrinths` makes their
 labyrinths from those of their parent.
 
 Structures with long routes are too rare to wait for, so `stretched` makes each from a sampled
@@ -32,10 +32,10 @@ from labyrinth_core.world import (
     Solver,
     Structure,
 )
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import UNFIT, Records, pack, toggled, unpack, walls
 from pipeline.inspection import Neighbourhood
-from pipeline.machinery.console import tracked
+from pipeline.machinery import tracked
 
 
 class Train(NamedTuple):

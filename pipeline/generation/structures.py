@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.world import Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import UNFIT, Records, pack, record_type, unpack
 from pipeline.generation.shifts import selected, selected_shifts
 from pipeline.inspection import Neighbourhood

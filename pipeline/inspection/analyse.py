@@ -15,15 +15,12 @@ from labyrinth_core import typed
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import AnyPath, File
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.inspection import front_matter
 from pipeline.inspection.leakage import find_leakage
 from pipeline.inspection.shift import PERMUTATIONS, compare
 from pipeline.inspection.statistics import Content, DatasetStatistics, count_dataset
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Sums, leave, say
 
 FORMAT = 1
 """The format of an analysis."""
@@ -171,7 +168,7 @@ def read_analysis(data: Dataset) -> dict[str, Any] | None:
             return None
         sums = Sums.read(data.folder)
         if Manifest.ANALYSIS in dict(sums.hashes) and not sums.has(Manifest.ANALYSIS):
-            raise ValueError(f"its sha256 is not the one in {HASHES}")
+            raise ValueError(f"its sha256 is not the one in {Sums.FILE}")
         analysis: _Analysis = typed.read_as(_Analysis, content)
         leakage = analysis["leakage"]
         for pair in leakage["pairs"]:

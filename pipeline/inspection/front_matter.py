@@ -38,7 +38,7 @@ from labyrinth_core.data import (
 from labyrinth_core.errors import MALFORMED, DatasetError, one_line, printable_line
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
-from pipeline.machinery.console import say
+from pipeline.machinery import say
 
 DEFAULT_CONFIG = "5x5"
 """The default config of a folder that has it."""

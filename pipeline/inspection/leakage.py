@@ -32,7 +32,7 @@ from pipeline.inspection.near_twins import (
     nearest,
     passage_table,
 )
-from pipeline.machinery.markdown import count
+from pipeline.machinery import count
 
 NEAR = range(1, JOINED_WALLS + 1)
 """The distances in walls within which near twins are counted."""

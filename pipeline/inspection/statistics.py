@@ -23,8 +23,7 @@ from labyrinth_core.language import parse
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Action, Labyrinth, LabyrinthError, Solver
 from pipeline.inspection.leakage import Certificate, Keys, certify
-from pipeline.machinery.console import tracked
-from pipeline.machinery.executor import ordered_map
+from pipeline.machinery import ordered_map, tracked
 
 
 class Route(NamedTuple):

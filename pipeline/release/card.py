@@ -20,18 +20,9 @@ from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
-from pipeline.inspection import (
-    Companion,
-    DatasetStatistics,
-    front_matter,
-    statistics_of,
-)
-from pipeline.machinery.artifact import Ownership
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
-from pipeline.machinery.sums import Sums
+from pipeline.config import Job, WorkOptions
+from pipeline.inspection import Companion, DatasetStatistics, front_matter, statistics_of
+from pipeline.machinery import Ownership, Sums, held, say
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import BANNER, FIGURES, PICTURES, banner, picture_path

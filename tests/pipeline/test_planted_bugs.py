@@ -51,7 +51,7 @@ PLANTS = {
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
-        ((*TRAINING, "overwrite=true"), "pipeline.training.finished:require_same"),
+        ((*TRAINING, "overwrite=true"), "pipeline.training.record:require_same"),
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
@@ -62,15 +62,13 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.play",
+            "labyrinth_core.benchmarks.encoding:Tape.play",
         ),
     ],
-    "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
-    "judge": [
-        ((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.commitment:Season._check")
-    ],
-    "reveal": [(SEASON, "pipeline.season.commitment:Season._check")],
-    "verify": [(SEASON, "pipeline.season.commitment:Season._check")],
+    "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],
+    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:Season._check")],
+    "reveal": [(SEASON, "pipeline.season.season:Season._check")],
+    "verify": [(SEASON, "pipeline.season.season:Season._check")],
 }
 """Stage -> options, and a function that it calls."""
 

@@ -19,7 +19,7 @@ from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language import parse
 from labyrinth_core.world import Labyrinth, Look, Solver, Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
 from pipeline.generation.structures import sample

@@ -18,7 +18,7 @@ from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from pipeline.inspection import routes_of, statistics_of
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
@@ -80,7 +80,7 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     shutil.rmtree(first)
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
-    assert set(before) == {PAGE, HASHES}
+    assert set(before) == {PAGE, Sums.FILE}
 
 
 def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
@@ -269,7 +269,7 @@ def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     before = (folder / PAGE).read_bytes()
     (folder / "photo.png").write_bytes(b"mine")
     (tmp_path / "thesis.txt").write_bytes(b"mine")
-    with (folder / HASHES).open("a") as listed:  # A list may name anything.
+    with (folder / Sums.FILE).open("a") as listed:  # A list may name anything.
         listed.write(f"{hashlib.sha256(b'mine').hexdigest()}  ../../thesis.txt\n")
     evaluate(data_dir / "3x3", tmp_path / "runs")
     with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its files"):

@@ -16,10 +16,9 @@ from support.making import Run
 from support.reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
 from labyrinth_core import evaluate as evaluate_policy
-from labyrinth_core import memorised
+from labyrinth_core import load_episodes, memorised
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data import SPLITS
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language import dump
 from labyrinth_core.pictures import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world import (
