@@ -140,7 +140,7 @@ def left(episode):
     to_goal = Solver(episode.labyrinth).distances
     return [to_goal[episode.labyrinth.state_index(state)] for state in episode.states]
 
-[column] = format.Columns.of(("steps_to_goal", "int32", "least moves to the goal", left))
+[column] = format.Columns.of(("least_moves", "int32", "least moves to the goal", left))
 *others, info = format.COLUMNS
 format.COLUMNS = format.Columns((*others, column, info))
 format.OTHERS = (column,)
@@ -157,12 +157,12 @@ except SystemExit as end:
     assert not end.code
 for options in ({"observation": "vector"}, {"image_size": 8, "cache_dir": f"{folder}/cache"}):
     train = load_transitions(folder, "3x3", **options)
-    left = train.columns["steps_to_goal"]
+    left = train.columns["least_moves"]
     assert left.dtype == "int32" and (left[train.terminated] == 1).all()
     assert (left[:-1] - left[1:] == 1)[~train.dones[:-1]].all()
 for episodes in (load_episodes, stream_episodes):
     for episode in episodes(folder, "3x3", observation="vector"):
-        to_goal = episode.columns["steps_to_goal"]
+        to_goal = episode.columns["least_moves"]
         assert len(to_goal) == len(episode) + 1 and to_goal[-1] == 0
 print(Dataset(folder, "3x3").fingerprint)
 """

@@ -58,9 +58,10 @@ def data(data_dir: Path) -> Dataset:
 def values(item: Any) -> Any:
     """Return what an episode, or transitions, consist of, to be compared."""
     fields = vars(item) if hasattr(item, "__dict__") else item._asdict()
+    columns = fields.get("columns", {})
     return {
         name: value.tobytes() if isinstance(value, np.ndarray) else value
-        for name, value in fields.items()
+        for name, value in {**fields, **columns, "columns": set(columns)}.items()
     }
 
 

@@ -127,16 +127,10 @@ def test_a_finished_folder_holds_shards_a_table_and_a_manifest_and_nothing_else(
 
 
 def test_the_schema_is_the_one_that_datasets_makes_of_the_features() -> None:
-    names = ["up", "right", "down", "left"]
-    features = Features(
-        {
-            "obs": ImageFeature(),
-            "actions": ClassLabel(names=names),
-            "rewards": Value("float32"),
-            "episode_starts": Value("bool"),
-            "info": Value("string"),
-        }
-    )
+    features = Features.from_dict({column.name: column.feature for column in COLUMNS})
+    assert features["obs"] == ImageFeature()
+    assert features["actions"] == ClassLabel(names=["up", "right", "down", "left"])
+    assert features["rewards"] == Value("float32")
     assert COLUMNS.arrow_schema().equals(features.arrow_schema, check_metadata=True)
     assert COLUMNS.arrow_schema().metadata == features.arrow_schema.metadata
 
