@@ -15,6 +15,8 @@ from pipeline.command.stages import STAGES
 from pipeline.config import Job
 from pipeline.generation import build
 
+SplitsConfig, DemonstrationsConfig = composed.SplitsConfig, composed.DemonstrationsConfig
+
 
 @dataclass(frozen=True)
 class Run(Job[Any]):
