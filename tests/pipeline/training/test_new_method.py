@@ -162,7 +162,7 @@ def test_a_network_that_has_changed_in_another_module_is_refused_in_one_line(
     module("shapes", "BIAS = False\n")
     sys.modules.pop("shapes")
     with pytest.raises(DatasetError, match=r"safetensors is not a policy of this network: .*\Z"):
-        evaluate.run(run)
+        perform("evaluate", run)
 
 
 @pytest.mark.parametrize(
