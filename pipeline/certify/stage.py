@@ -183,7 +183,7 @@ def read_elsewhere(source: str, config: str | None) -> Elsewhere:
     # Resolved, because `datasets` finds no name for the folder `.`.
     streams, config = _infos_of(str(path.resolve()) if path.is_dir() else source, config)
     # Different texts may describe the same labyrinth, which then counts once.
-    read = tracked(((1, each) for each in streams.items()), "read", len(streams))
+    read = tracked(streams.items(), "read", len(streams))
     splits = {split: [*dict.fromkeys(_parsed(infos, split))] for split, infos in read}
     problems = [f"{printable_line(str(file))}: {reason}" for file, reason in files if reason]
     return Elsewhere(splits, {}, problems, config)

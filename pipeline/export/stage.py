@@ -127,9 +127,8 @@ class Split:
         """
         found = self.data[self.name].iterate_episodes(image_size=self.image_size)
         self.data.require_unchanged()
-        steps = ((len(episode) + 1, episode) for episode in found)
         number = 0
-        for episode in tracked(steps, self.name, self.rows):
+        for episode in tracked(found, self.name, self.rows, lambda each: len(each) + 1):
             number += 1
             yield episode
         if number != self.count:

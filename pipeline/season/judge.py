@@ -187,7 +187,7 @@ def judged(
     results = asked.results(
         ["test", *data.manifest.config.shifts],
         advice=REPEATABLE,
-        follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
+        follow=lambda each: tracked(each, "judge", len(each)),
     )
     results = results.signed(
         season=season.name,
