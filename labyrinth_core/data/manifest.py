@@ -4,9 +4,9 @@ The manifest is written last, so a folder with a manifest is complete.
 
 What a file says of itself is compared with what was asked for when it is opened, before memory is
 taken for it. `Manifest.read` compares the dataset's name with its folder, and the rows of shards
-with their bytes; `table_file` and `rows.opened` compare a file's hash, size and footer with the
-manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that read
-several splits end with `Dataset.require_unchanged`.
+with their bytes; `LabyrinthTable.opened` and `rows.opened` compare a file's hash, size and footer
+with the manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that
+read several splits end with `Dataset.require_unchanged`.
 """
 
 from __future__ import annotations
