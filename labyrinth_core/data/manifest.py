@@ -380,9 +380,7 @@ def readable(name: object) -> Iterator[None]:
 
     try:
         yield
-    except (MemoryError, GeneratorExit):
-        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
-        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
+    except MemoryError:  # The file is fine, though Arrow's MemoryError is an ArrowException.
         raise
     except Exception as error:
         # Not imported here: without free file descriptors, the import would fail instead.
