@@ -134,7 +134,9 @@ def run(job: Job[SeasonStageOptions]) -> None:
     if results.memorised:  # Its copies name labyrinths of the test.
         say(str(replace(results.memorised, copies=())))
     if len(rows) > 1:
-        chance = by_chance(len(rows), season.labyrinths["test"])
+        # A share of n labyrinths is sub-Gaussian with variance 1 / 4n. The expected maximum of k of
+        # them is at most this (Boucheron, Lugosi and Massart 2013, theorem 2.5).
+        chance = sqrt(log(len(rows)) / (2 * season.labyrinths["test"]))
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
@@ -148,15 +150,6 @@ def check_name(named: object) -> None:
 def shown(figures: Mapping[str, float]) -> str:
     """Return the figures on a split as they are printed."""
     return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"
-
-
-def by_chance(submissions: int, labyrinths: int) -> float:
-    """Return a bound on the expected overestimate of the best of several equal submissions.
-
-    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k of
-    them is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
-    """
-    return sqrt(log(submissions) / (2 * labyrinths))
 
 
 def judged(
@@ -259,20 +252,15 @@ def settled(layout: Layout, season: Season) -> list[Row]:
     rows = read_rows(layout, season)
     numbers = {int(path.stem) for path in layout.private.glob("*.json") if path.stem.isdecimal()}
     for number in range(1, max(numbers | {len(rows)}) + 1):
-        kept = layout.private / f"{number}.json"
-        kept_row = _kept_row(kept, season) if number in numbers else None
-        if kept_row is None or rows[number - 1 : number] not in ([], [kept_row]):
+        kept, row = layout.private / f"{number}.json", None
+        results = Results.load(kept) if number in numbers else None
+        if results and results.judged and results.judged.secret_sha256 == season.secret_sha256:
+            row = _row(results, kept.read_bytes())
+        if row is None or rows[number - 1 : number] not in ([], [row]):
             raise DatasetError(f"{kept} does not hold the results that {layout.judged} names")
         if number > len(rows):
-            rows.append(kept_row)
+            rows.append(row)
     return rows
-
-
-def _kept_row(path: Path, season: Season) -> Row | None:
-    """Return the entry of private results; None if they are of another season."""
-    results = Results.load(path)
-    of_season = results.judged is not None and results.judged.secret_sha256 == season.secret_sha256
-    return _row(results, path.read_bytes()) if of_season else None
 
 
 def _keep(
