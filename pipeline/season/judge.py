@@ -50,11 +50,6 @@ _DECIMALS = 2
 CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
 
-REPEATABLE = (
-    "a season judges only policies that do not draw at random and remember nothing between two "
-    "batches"
-)
-
 Row = dict[str, Any]
 """The published entry of a judged submission, with the fields of `_Row`."""
 
@@ -126,8 +121,8 @@ def run(job: Job[SeasonStageOptions]) -> None:
                     f"{named} was judged before, with other results or another "
                     f"season.learnt_from: see {layout.judged}"
                 )
-            overwrite = job.options.overwrite
-            _keep(layout, rows.index(row) + 1, submission, content, overwrite=overwrite)
+            number = rows.index(row) + 1
+            _keep(layout, number, submission, content, overwrite=job.options.overwrite)
             publish(layout, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {layout.judged}")
@@ -182,7 +177,8 @@ def judged(
     asked = Evaluation.of(submission.policy, data)
     results = asked.results(
         ["test", *data.manifest.config.shifts],
-        advice=REPEATABLE,
+        advice="a season judges only policies that do not draw at random and remember nothing "
+        "between two batches",
         follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
     )
     results = results.signed(
