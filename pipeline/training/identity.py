@@ -19,11 +19,8 @@ import torch
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning import BaseSettings, Learner, NetworkSpec
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError, check, listed
-from pipeline.config.option import check_options, frozen
-from pipeline.config.stage import Job
-from pipeline.config.training import METHODS, TrainingOptions
-from pipeline.machinery.artifact import differences
+from pipeline.config import ConfigError, Job, TrainingOptions, check, check_options, frozen
+from pipeline.machinery import Sums
 
 
 def find(
@@ -42,7 +39,8 @@ def find(
     if ":" in name:
         method, settings = _of_user(name)
     else:
-        check(name in METHODS, f"method={name}: choose one of {listed(METHODS)}")
+        ours = TrainingOptions.METHODS
+        check(name in ours, f"method={name}: choose one of [{', '.join(ours)}]")
         module = import_module(f"labyrinth_core.learning.methods.{name}")
         method, settings = module.Method, module.Settings
     allowed = [method.protocol] if method.protocol else ["default", "paper"]
@@ -81,7 +79,7 @@ def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
         f"method={name}: its Settings class has to be a dataclass that inherits from BaseSettings",
     )
     check(
-        method.protocol is not None or title.lower() not in METHODS,
+        method.protocol is not None or title.lower() not in TrainingOptions.METHODS,
         f"method={name}: {title} is the name of another method; rename the class or the module",
     )
     return method, settings
@@ -124,7 +122,7 @@ def require_same(
     thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
     """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
-    if differing := differences(options_of(actual), options_of(required)):
+    if differing := Sums.differences(options_of(actual), options_of(required)):
         raise DatasetError(f"{thing} with {differing}{advice}")
 
 

@@ -27,7 +27,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.learning import Learner
 from labyrinth_core.policies import read_tensors
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError, check
+from pipeline.config import ConfigError, check
 from pipeline.training.identity import require_same, without_place
 
 CHECKPOINT_SECONDS = 30.0

@@ -7,10 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Stage
-from pipeline.config.training import TrainingOptions
+from pipeline.config import Stage, TrainingOptions, WorkOptions, option
 
 
 @dataclass(frozen=True)

@@ -17,12 +17,8 @@ from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.policies import RunRecord, open_policy, read_tensors
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import Sums
+from pipeline.config import ConfigError, Job, TrainingOptions
+from pipeline.machinery import Sums, leave, say
 from pipeline.training.identity import (
     choose_device,
     find,

@@ -24,13 +24,8 @@ from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import check
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import progress, say
-from pipeline.machinery.folders import held, within
-from pipeline.machinery.sums import Sums
+from pipeline.config import Job, TrainingOptions, check
+from pipeline.machinery import Sums, held, produced, progress, say, within
 from pipeline.training.identity import (
     choose_device,
     find,

@@ -13,7 +13,7 @@ from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.learning.spec import PlannerSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.training import TrainingOptions
+from pipeline.config import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
@@ -30,7 +30,7 @@ def network_of(spec):
     return make_network(spec.network, average=spec.average, own=spec.own)
 
 
-def lay_out_run(folder, spec, **run):
+def lay_out_run(folder, spec, deviation=1.0, **run):
     """Write a run whose policy has random weights into a new folder; return the folder."""
     import torch
     from safetensors.torch import save_file
@@ -38,7 +38,7 @@ def lay_out_run(folder, spec, **run):
     folder.mkdir(parents=True)
     network = network_of(spec)
     for weights in network.parameters():
-        torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
+        torch.nn.init.normal_(weights, std=deviation, generator=torch.Generator().manual_seed(0))
     described = {"network": json.dumps(asdict(spec.network))}
     save_file(network.state_dict(), folder / PolicySpec.WEIGHTS, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))

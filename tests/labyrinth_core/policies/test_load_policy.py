@@ -33,7 +33,7 @@ from labyrinth_core import (
     sample_labyrinth,
     shortest_route,
 )
-from labyrinth_core.evaluation.answers import fitted
+from labyrinth_core.evaluation import check_policy
 from labyrinth_core.learning import NetworkSpec, PolicySpec, TrainedPolicy
 from labyrinth_core.learning.spec import MapperSpec, PlannerSpec
 from labyrinth_core.policies import read_tensors
@@ -195,8 +195,8 @@ def test_a_planner_is_shown_cells_of_as_many_pixels_as_it_was_trained_on(
     told = "needs image_size=38 at 3x3, but is shown image_size=64"
     check_not_shown(policy, small_dataset.data_dir, "3x3", told, image_size=64)
     told = r"the policy asks for image_size=1280 at 100x100: a whole number of pixels from 1 to 600"
-    with pytest.raises(PolicyError, match=told):
-        fitted(policy, 100, 100, Task.NAVIGATION)
+    with pytest.raises(AssertionError, match=told):
+        check_policy(policy, height=100, width=100)
 
 
 def check_not_shown(policy: Any, source: Path, config: str, message: str, **options: Any) -> None:

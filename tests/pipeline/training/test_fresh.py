@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from support.learning import equal_weights, learner_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
@@ -21,9 +21,8 @@ from labyrinth_core.learning import Problem
 from labyrinth_core.learning.problem import FreshLabyrinths
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
-from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate as stage
+from pipeline.command.composed import SplitsConfig
+from pipeline.config import ConfigError
 from pipeline.training import train
 from pipeline.training.loop import PROTOCOLS, Progress, fit
 
@@ -173,7 +172,7 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
         train_labyrinths="fresh",
     )
     train.run(run)
-    stage.run(run)
+    perform("evaluate", run)
     assert run.training_folder.name == "bc-cnn-seed0-fresh"
     results = Results.load(run.training_folder / "results.json")
     assert results.run.of_all_seeds == "bc-cnn-fresh"

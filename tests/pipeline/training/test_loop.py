@@ -14,7 +14,7 @@ import torch
 from support.learning import learner_of
 
 from labyrinth_core.learning import Problem
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.training.loop import PROTOCOLS, fit
 
 

@@ -14,18 +14,16 @@ import pytest
 import torch
 from numpy.typing import NDArray
 from support.learning import learner_of, method_of, settings_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core import load_policy
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
 from labyrinth_core.learning import NetworkSpec, Problem, Steps
 from labyrinth_core.learning.networks.slots import Slots, masks_of
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
-from labyrinth_core.pictures.renderer import Style
-from labyrinth_core.pictures.style import RECOLOURED
+from labyrinth_core.pictures.style import Style
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
-from pipeline.evaluation import evaluate
 from pipeline.training import train
 
 pytestmark = pytest.mark.slow
@@ -52,7 +50,7 @@ def folder(
         method={"name": "mapper", **TOY},
     )
     train.run(run)
-    evaluate.run(run)
+    perform("evaluate", run)
     return run.training_folder
 
 
@@ -116,7 +114,13 @@ def solved(policy: Any, labyrinths: list[Labyrinth], style: Style | None = None)
 
 LOOKS = {
     "as trained": None,
-    "recoloured": RECOLOURED,
+    "recoloured": Style(
+        (250, 240, 215),
+        (70, 40, 90),
+        start=(204, 121, 167),
+        goal=(86, 180, 233),
+        agent=(230, 159, 0),
+    ),
     "thin": Style(wall_pixels=2),
     "dark": Style(floor=(0, 0, 0), wall=(0, 0, 1), agent=(1, 0, 0), goal=(255, 255, 255)),
 }

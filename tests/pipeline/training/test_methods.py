@@ -15,7 +15,7 @@ from torch import nn
 from labyrinth_core.evaluation import Player
 from labyrinth_core.learning import Learner, Observations, Problem, Steps
 from labyrinth_core.pictures import Looks
-from pipeline.config.training import METHODS
+from pipeline.config import TrainingOptions
 
 pytestmark = pytest.mark.slow
 
@@ -47,8 +47,8 @@ def hasty(name: str, problem: Problem) -> Learner:
 
 
 def test_each_method_is_tried_here_and_says_what_its_settings_mean() -> None:
-    assert {*METHODS} == {*TOYS, *OTHERS}
-    for name in METHODS:
+    assert {*TrainingOptions.METHODS} == {*TOYS, *OTHERS}
+    for name in TrainingOptions.METHODS:
         assert {
             each.name for each in fields(settings_of(name)) if "checks" not in each.metadata
         } == set()

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
 from labyrinth_core.errors import DatasetError
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate
+from pipeline.config import ConfigError
 from pipeline.training import train
 from pipeline.training.identity import find
 
@@ -60,8 +59,8 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run]) -> Callable[..., Ru
 
 
 def trained(run: Run) -> dict[str, Any]:
-    for stage in (train, evaluate):
-        stage.run(run)
+    for stage in ("train", "evaluate"):
+        perform(stage, run)
     record: dict[str, Any] = json.loads((run.training_folder / "run.json").read_bytes())
     return record
 
@@ -163,7 +162,7 @@ def test_a_network_that_has_changed_in_another_module_is_refused_in_one_line(
     module("shapes", "BIAS = False\n")
     sys.modules.pop("shapes")
     with pytest.raises(DatasetError, match=r"safetensors is not a policy of this network: .*\Z"):
-        evaluate.run(run)
+        perform("evaluate", run)
 
 
 @pytest.mark.parametrize(

@@ -19,7 +19,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning import NetworkSpec, Problem
 from labyrinth_core.world import Episode, Task
-from pipeline.command.dataset import DemonstrationsConfig
+from pipeline.command.composed import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
 
@@ -110,10 +110,16 @@ def test_routes_that_are_not_shortest_are_not_relabelled(
     problem = problem_of(encoder="cnn")
     learner_of(name, problem, relabel=True)
     arrays = problem.arrays
-    longer = arrays.demonstrated.copy()
-    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
-    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
-    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    start = arrays.initial[:1]
+    longer = np.flatnonzero(~arrays.optimal[start[0]])[:1]
+    arrays = replace(
+        arrays,
+        routes=(*arrays.routes, longer, longer),
+        route_starts=np.concatenate([arrays.route_starts, start, start]),
+    )
+    problem = problem_of(encoder="cnn", arrays=arrays)
+    count = sum(map(len, arrays.routes))
+    words = rf"\Amethod\.relabel=true: .* 2 of {count} demonstrated .*\.relabel=false\Z"
     with pytest.raises(DatasetError, match=words):
         learner_of(name, problem, relabel=True)
     learner_of(name, problem, relabel=False)

@@ -17,15 +17,13 @@ import pytest
 from support.crashing import killed_before
 from support.learning import method_of
 from support.making import Run
-from support.quick_python import python
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.sums import HASHES
+from pipeline.config import ConfigError
+from pipeline.machinery import Sums, leave
 from pipeline.training import record, train
 
 pytestmark = pytest.mark.slow
@@ -109,7 +107,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
         assert there == [
-            HASHES,
+            Sums.FILE,
             PolicySpec.FILE,
             CURVES,
             PolicySpec.WEIGHTS,
@@ -185,5 +183,6 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
         "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
     )
     for backend in ("module://no_such.backend", "no_such"):
-        command, environment = [python(), "-c", program], os.environ | {"MPLBACKEND": backend}
+        # A quick Python has imported Matplotlib, which reads this when it is imported.
+        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)

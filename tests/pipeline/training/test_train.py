@@ -15,17 +15,16 @@ from typing import Any
 import pytest
 import torch
 from support.learning import method_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation import PolicyError
+from labyrinth_core.evaluation import PolicyError, Results
 from labyrinth_core.learning import PolicySpec
-from labyrinth_core.pictures import looks
+from labyrinth_core.pictures import observations
 from labyrinth_core.policies import RunRecord
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.sums import HASHES
+from pipeline.config import ConfigError
+from pipeline.machinery import Sums
 from pipeline.training import train
 
 pytestmark = pytest.mark.slow
@@ -67,7 +66,7 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
     assert sorted(path.name for path in folder.iterdir()) == [
-        HASHES,
+        Sums.FILE,
         PolicySpec.FILE,
         CURVES,
         PolicySpec.WEIGHTS,
@@ -88,6 +87,12 @@ def test_a_run_returns_its_success_rate_on_validation_which_a_sweep_may_maximise
     run = run_of()
     made, there_already = train.run(run), train.run(run)
     assert made == there_already == record_of(run)["selected"]["validation_sr"]
+
+
+def results_of(run: Run) -> Results:
+    """Evaluate a run, and return its results."""
+    perform("evaluate", run)
+    return Results.load(run.training_folder / Results.FILE)
 
 
 def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
@@ -231,7 +236,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(ConfigError, match=r"pip install 'labyrinth-datasets\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
-    monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
+    monkeypatch.setattr("pipeline.config.options.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
         run_of().options.check_training()
 
@@ -360,7 +365,7 @@ def test_a_run_whose_pictures_do_not_fit_into_memory_ends_as_one_that_holds_them
     seen = {"observation": observation, "encoder": {"image": "cnn", "vector": "mlp"}[observation]}
     held, drawn = run_of("held", **seen), run_of("drawn", **seen)
     train.run(held)
-    monkeypatch.setattr(looks, "HELD_BYTES", 0)
+    monkeypatch.setattr(observations, "HELD_BYTES", 0)
     train.run(drawn)
     assert weights_of(held) == weights_of(drawn)
     rates = [[row.get("train_sr") for row in record_of(run)["history"]] for run in (held, drawn)]
