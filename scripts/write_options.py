@@ -19,8 +19,7 @@ from typing import Any
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS
 from labyrinth_core.questions import QUESTION_COLUMNS
-from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
-from pipeline.command.dataset import DatasetOptions
+from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, DatasetOptions, declared
 from pipeline.command.stages import STAGES
 from pipeline.config import ExportOptions, TrainingOptions
 from pipeline.training.identity import find

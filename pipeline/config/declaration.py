@@ -24,6 +24,21 @@ _DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as da
 """Patterns of values, and what they allow in words."""
 
 
+_FORMER = {
+    **dict.fromkeys(
+        ("buckets.train", "buckets.validation", "buckets.test"),
+        "give the three percents, as buckets=[34,33,33]",
+    ),
+    "executor_address": "give the address of the cluster, as executor=tcp://host:8786",
+    "executor_wait": "a run waits for workers as long as it takes, so leave it out",
+    **dict.fromkeys(
+        ("leakage", "leakage.source", "leakage.config"),
+        "give stages=certify certify.source=... certify.config=...",
+    ),
+}
+"""Option of an earlier version, also in files that it kept -> what to do now."""
+
+
 class ConfigError(ValueError):
     """An option has an invalid value; the message is one line that says what to give."""
 
@@ -35,6 +50,8 @@ class ConfigError(ValueError):
             name: The name that was given.
             known: The options that exist.
         """
+        if name in _FORMER:
+            return cls(f"{name} is no longer an option: {_FORMER[name]}")
         names = [*known]
         group = f"{name.rpartition('.')[0]}."
         # A common prefix would make any two names similar.
@@ -114,6 +131,9 @@ def _value(name: str, value: Any, kind: Any) -> Any:
     if is_dataclass(kind) or get_origin(kind) is dict:
         check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
         return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
+    for key in value if isinstance(value, dict) else ():
+        if f"{name}.{key}" in _FORMER:
+            raise ConfigError.no_option(f"{name}.{key}", ())
     if get_origin(kind) is tuple:
         of = get_args(kind)[0]
         values = [value] if isinstance(value, str) and of is str else value

@@ -3,7 +3,7 @@
 From a checkpoint an interrupted run continues exactly. It is one file in the safetensors format,
 which cannot hold code: tensors and arrays are its entries, and everything else is JSON in its
 header, with a SHA-256 of both. The file is replaced atomically, so that weights, optimizer states,
-random states and history always belong together. The policy of a run is a safetensors file, too.
+random states and history always belong together.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ import hashlib
 import json
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from math import inf, isfinite
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,7 @@ from torch import Tensor, nn
 from torch.optim import Optimizer
 
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.learning import Learner, NetworkSpec
+from labyrinth_core.learning import Learner
 from labyrinth_core.policies import read_tensors
 from labyrinth_core.storage import File
 from pipeline.config import ConfigError, check
@@ -305,63 +304,15 @@ def _read_checkpoint(path: Path) -> tuple[Tensors, dict[str, Any]]:
     Raises:
         DatasetError: The file cannot be read, or is damaged.
     """
-    with _explained(path):
-        tensors, texts = read_tensors(path)
-        if texts.get("sha256") != _digest(tensors, texts.get("state", "")):
-            raise ValueError("it is damaged: its sha256 is not the one in its header")
-        return tensors, _object(texts, "state")
-
-
-def _object(texts: Mapping[str, str], name: str) -> dict[str, Any]:
-    """Return the JSON object in a text of a file of tensors; raise ValueError without one."""
-    content = json.loads(texts.get(name, "null"))
-    if not isinstance(content, dict):
-        raise ValueError(f"its header has no {name}")
-    return content
-
-
-@contextmanager
-def _explained(path: Path) -> Iterator[None]:
-    """Turn the errors of reading a file of tensors into a DatasetError."""
     try:
-        yield
-    except FileNotFoundError as error:
-        raise DatasetError(f"{path} does not exist: stages=train makes it") from error
+        tensors, texts = read_tensors(path)
+        text = texts.get("state", "null")
+        if texts.get("sha256") != _digest(tensors, text):
+            raise ValueError("it is damaged: its sha256 is not the one in its header")
+        state = json.loads(text)
+        if not isinstance(state, dict):
+            raise ValueError("its header has no state")
     except (OSError, ValueError, RecursionError) as error:
         reason = f"{path} cannot be read: {one_line(error):.300}"
         raise DatasetError(f"{reason}; remove it to start again with stages=train") from error
-
-
-def save_policy(path: Path, tensors: Tensors, spec: NetworkSpec) -> None:
-    """Write the weights of a policy and the specification of its network, atomically."""
-    save_tensors(path, tensors, {"network": json.dumps(asdict(spec), sort_keys=True)})
-
-
-def read_policy(
-    path: Path,
-    method: type[Learner],
-    settings: Any,
-    spec: NetworkSpec,
-    device: torch.device | str = "cpu",
-) -> Any:
-    """Load the policy of a method from a file, as `Learner.player` takes it.
-
-    Args:
-        path: A file that `save_policy` wrote.
-        method: The method, which makes the network.
-        settings: The settings of the method.
-        spec: The network that the file is expected to hold.
-        device: The device to compute on.
-
-    Raises:
-        DatasetError: The file does not exist, or holds the policy of another network.
-    """
-    with _explained(path):
-        tensors, texts = read_tensors(path)
-        actual = _object(texts, "network")
-    require_same(f"{path} is a policy", actual, asdict(spec))
-    try:
-        return method.trained(tensors, spec, settings, device)
-    except RuntimeError as error:
-        reason = f"{path} is not a policy of this network"
-        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    return tensors, state

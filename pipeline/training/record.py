@@ -15,7 +15,7 @@ from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Evaluation, Player, Results, TrainedRun
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures import ObservationSpec
-from labyrinth_core.policies import RunRecord, open_policy
+from labyrinth_core.policies import RunRecord, open_policy, read_tensors
 from labyrinth_core.storage import File
 from pipeline.config import ConfigError, Job, TrainingOptions
 from pipeline.machinery import Sums, leave, say
@@ -28,7 +28,7 @@ from pipeline.training.identity import (
     spec_of,
     without_place,
 )
-from pipeline.training.loop import Progress, read_policy
+from pipeline.training.loop import Progress
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
@@ -210,9 +210,12 @@ def _of_users_method(
     options, about, spec = job.options, data.manifest.config, spec_of(job)
     method, settings = find(options.method_name, values, options.protocol)
     spec.require_same_vectors(about.height, about.width, about.task)
-    policy = read_policy(
-        folder / PolicySpec.WEIGHTS, method, settings, spec, choose_device(options)
-    )
+    path = folder / PolicySpec.WEIGHTS
+    try:
+        policy = method.trained(read_tensors(path)[0], spec, settings, choose_device(options))
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = f"{path} is not a policy of this network"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
     size = method.image_size(spec, settings, about.height, about.width)
     resize = options.resize
     shape = replace(spec, height=about.height, width=about.width)

@@ -41,7 +41,7 @@ from pipeline.training.loop import (
     Progress,
     fit,
     identity_in,
-    save_policy,
+    save_tensors,
 )
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
@@ -137,7 +137,8 @@ def _train(
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    save_policy(folder / PolicySpec.WEIGHTS, done.weights, learner.problem.spec)
+    described = {"network": json.dumps(asdict(learner.problem.spec), sort_keys=True)}
+    save_tensors(folder / PolicySpec.WEIGHTS, done.weights, described)
     if options.is_network_known:
         text = json.dumps(learner.policy_spec.to_json(), indent=1)
         File(folder / PolicySpec.FILE).write_text(text + "\n")

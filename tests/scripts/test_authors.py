@@ -21,7 +21,6 @@ from pipeline.config import ConfigError
 from pipeline.training import train
 from pipeline.training.identity import find
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
@@ -325,7 +324,7 @@ def test_each_method_keeps_the_first_best_policy_by_its_own_figure(
     def judge(_: Any) -> dict[str, float]:
         return {"validation_sr": 0.5, **misleading, figure: next(tried)}
 
-    path = tmp_path / CHECKPOINT
+    path = tmp_path / "checkpoint"
     done = fit(learner, judge, PROTOCOLS["authors"], path, {}, lambda _: None)
     assert done.best is not None
     assert done.best["epoch"] == kept

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
-from labyrinth_core.learning import Learner, NetworkSpec, Observations, Problem
-from labyrinth_core.learning.problem import load_steps
+from labyrinth_core.learning import Learner, NetworkSpec, Problem
 from pipeline.training import loop
 from pipeline.training.identity import find
-from pipeline.training.loop import Progress
 from support.making import Run
 
 torch.set_num_threads(1)
@@ -28,33 +26,40 @@ torch.set_num_threads(1)
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
     """A function that returns a problem with eight labyrinths of 3x3."""
-    folder, data = small_dataset.data_dir, Dataset.at(small_dataset.folder)
-    arrays = {
-        encoder: load_arrays(folder, "3x3", "train", observation=sees)
+    data = Dataset.at(small_dataset.folder)
+    problems = {
+        encoder: Problem.of_dataset(
+            data,
+            load_arrays(small_dataset.data_dir, "3x3", "train", observation=sees),
+            NetworkSpec(encoder, 3, 3, "navigation"),
+            learner="a test",
+        )
         for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
     }
-    demonstrations, exploration = (
-        load_steps(data[split], arrays["mlp"]) for split in ("train", "random")
-    )
+    explored = problems["mlp"].exploration()
 
     def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:
         torch.manual_seed(seed)
-        problem = Problem(
-            arrays=arrays[encoder],
-            observations=Observations(arrays[encoder].observations, "cpu"),
-            demonstrations=demonstrations,
-            exploration=lambda: exploration,
-            spec=NetworkSpec(encoder, 3, 3, "navigation"),
-            rng=np.random.default_rng(seed),
-        )
-        return replace(problem, **changed)
+        given = {"rng": np.random.default_rng(seed), "exploration": lambda: explored}
+        return replace(problems[encoder], **given | changed)
 
     return make
+
+
+def method_of(name: str) -> Any:
+    """Return the class of a method."""
+    return find(name, {})[0]
 
 
 def settings_of(name: str, **values: Any) -> Any:
     """Return the settings of a method: those given, the others by default."""
     return find(name, values)[1]
+
+
+def learner_of(name: str, problem: Problem, **values: Any) -> Any:
+    """Return a fresh learner of a method, with the settings given, the others by default."""
+    method, settings = find(name, values)
+    return method(problem, settings)
 
 
 def equal_weights(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:
@@ -71,7 +76,7 @@ def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]],
     def after_two_epochs(learner: Learner) -> dict[str, torch.Tensor]:
         learner.epoch()
         if not path.exists():
-            loop.save_checkpoint(path, learner, Progress(), {})
+            loop.save_checkpoint(path, learner, loop.Progress(), {})
         learner.epoch()
         return learner.policy.state_dict()
 

@@ -15,7 +15,7 @@ from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.language import describe, labyrinth_id, parse
 from labyrinth_core.pictures import ObservationSpec, Painter
 from labyrinth_core.world import Solver
-from pipeline.command.dataset import DemonstrationsConfig
+from pipeline.command.composed import DemonstrationsConfig
 
 BUILDS = {
     "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},

@@ -21,8 +21,7 @@ from support.making import RunConfig, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.world import ALGORITHMS, Task
-from pipeline.command.composed import OPTIONS
-from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.composed import OPTIONS, DemonstrationsConfig, SplitsConfig
 from pipeline.command.stages import STAGES
 from pipeline.config import ConfigError, TrainingOptions, as_typed
 from pipeline.training.identity import find

@@ -22,7 +22,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
 from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
-from pipeline.command.dataset import SplitsConfig
+from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
 
 __all__ = ["local_hub"]

@@ -32,7 +32,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
-from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.composed import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import DatasetStatistics, front_matter, statistics, statistics_of
 from pipeline.machinery import Sums
 from pipeline.release import card, texts

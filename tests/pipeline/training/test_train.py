@@ -14,21 +14,24 @@ from typing import Any
 
 import pytest
 import torch
+from support.learning import method_of
 from support.making import Run, perform
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError, Results
 from labyrinth_core.learning import PolicySpec
-from labyrinth_core.learning.methods import bc
 from labyrinth_core.pictures import observations
 from labyrinth_core.policies import RunRecord
 from pipeline.config import ConfigError
 from pipeline.machinery import Sums
 from pipeline.training import train
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES
 
 pytestmark = pytest.mark.slow
+
+BC = method_of("bc")
+CURVES = "curves.png"
+BOARD, CHECKPOINT = "tensorboard", "checkpoint.safetensors"
 
 
 @pytest.fixture
@@ -113,28 +116,28 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
 ) -> None:
     whole = run_of("whole")
     train.run(whole)
-    killed, epoch = run_of("killed"), bc.Method.epoch
+    killed, epoch = run_of("killed"), BC.epoch
     for survived in (1, 1):
         left = [survived]
 
-        def dying(self: bc.Method, left: list[int] = left) -> dict[str, float]:
+        def dying(self: Any, left: list[int] = left) -> dict[str, float]:
             if not left.pop():
                 raise KeyboardInterrupt
             left.append(0)
             return epoch(self)
 
-        monkeypatch.setattr(bc.Method, "epoch", dying)
+        monkeypatch.setattr(BC, "epoch", dying)
         with pytest.raises(KeyboardInterrupt):
             train.run(killed, checkpoint_seconds=0)
         (working,) = killed.training_folder.parent.iterdir()
         assert [path.name for path in working.iterdir()] == [CHECKPOINT]
-    done: list[bc.Method] = []
+    done: list[Any] = []
 
-    def counted(self: bc.Method) -> dict[str, float]:
+    def counted(self: Any) -> dict[str, float]:
         done.append(self)
         return epoch(self)
 
-    monkeypatch.setattr(bc.Method, "epoch", counted)
+    monkeypatch.setattr(BC, "epoch", counted)
     train.run(killed)
     assert len(done) == len(record_of(whole)["history"]) - 2  # What was done is not done again.
     assert weights_of(killed) == weights_of(whole)
