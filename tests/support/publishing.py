@@ -24,7 +24,6 @@ from hub.state import TOKENS, Exchange
 from huggingface_hub import constants, file_download
 from huggingface_hub.utils import disable_progress_bars
 
-from pipeline.release import publish as stage
 from support.commands import answered
 from support.quick_python import python
 
@@ -122,7 +121,7 @@ def publish_here(
             patch.setenv(name, own[name])
         patch.setenv("LABYRINTH_HUB_SECONDS", seconds)
         patch.setattr(tempfile, "tempdir", own["TMPDIR"])
-        patch.setattr(stage, "loaded", lambda *_: "")
+        patch.setattr("pipeline.release.publish.loaded", lambda *_: "")
         return answered(*options)
 
 
