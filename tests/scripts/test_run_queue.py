@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 import run_queue as queue
-from support.composing import composed
+from support.making import composed
 
 from pipeline.training.method import find
 

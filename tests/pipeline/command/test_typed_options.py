@@ -13,8 +13,7 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.composing import composed
-from support.making import RunConfig
+from support.making import RunConfig, composed
 
 from pipeline.command.command_line import arranged, parsed, refusal
 from pipeline.command.composed import DEFAULTS, KINDS

@@ -16,8 +16,7 @@ from hydra.utils import get_class
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
-from support.composing import composed
-from support.making import RunConfig, resolve
+from support.making import RunConfig, composed, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.data.dataset_config import GOALS, SOLUTIONS

@@ -21,8 +21,7 @@ import yaml
 from huggingface_hub import DatasetCard, DatasetCardData
 from PIL import Image
 from support.commands import ended
-from support.composing import composed
-from support.making import RunConfig, make, make_both, perform, resolve
+from support.making import RunConfig, composed, make, make_both, perform, resolve
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
