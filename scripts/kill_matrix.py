@@ -52,13 +52,12 @@ import PIL.Image  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
 from pipeline.command.composed import ALL, resolve
-from pipeline.config.export import ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ExportOptions, Job
 from pipeline.evaluation import evaluate
 from pipeline.evaluation.options import EvaluationOptions
 from pipeline.export import stage as export
 from pipeline.generation import build
-from pipeline.machinery.executor import cluster
+from pipeline.machinery import cluster
 from pipeline.report import report
 from pipeline.results import results
 

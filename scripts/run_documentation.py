@@ -39,9 +39,8 @@ from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override
 
-from pipeline.command.command_line import HYDRA, parsed, register
+from pipeline.command.command_line import HYDRA, as_given, parsed, quote_texts, register
 from pipeline.command.composed import CONF, options_of, resolve
-from pipeline.command.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]
 sys.path.append(str(ROOT / "tests"))

@@ -15,13 +15,12 @@ from hub.conftest import CONFIG, put
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
 from labyrinth_core import hub as client
+from labyrinth_core import load_transitions, stream_episodes
 from labyrinth_core.data import Manifest
-from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.rows import rows_together
-from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.policies import files_of
 from labyrinth_core.policies.load import located
-from labyrinth_core.policies.opening import files_of
 
 MODEL = "user/planner"
 SHARD = "train-00000-of-00001.parquet"

@@ -18,7 +18,7 @@ from hub.local_hub import LocalHub
 from labyrinth_core import hub as client
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release import publish
 from pipeline.release.card import write_card
 from pipeline.release.faults import explained
@@ -170,8 +170,10 @@ def test_a_list_of_hashes_that_came_wrong_is_fetched_again(
     release(folder)
     newer = Path(shutil.copytree(versions[0], tmp_path / "newer"))
     write_card(newer, Release(REPO, "1.1.0"))
-    empty.faults.damage("GET", f"/resolve/.*{HASHES}", times=UNLIMITED)
-    assert refusal(newer, "1.1.0") == f"{REPO}: the Hub lists {HASHES}, but gives another content"
+    empty.faults.damage("GET", f"/resolve/.*{Sums.FILE}", times=UNLIMITED)
+    assert (
+        refusal(newer, "1.1.0") == f"{REPO}: the Hub lists {Sums.FILE}, but gives another content"
+    )
     assert held(empty) == hashes(folder)
     empty.faults.clear()
     release(newer, "1.1.0")
@@ -289,7 +291,7 @@ def test_a_shard_that_changes_at_any_moment_is_released_as_listed_or_not_at_all(
         error = str(refused)
     finally:
         thread.join()
-    told = f"{shard} has changed since it was checked: its sha256 is not the one in {HASHES}"
+    told = f"{shard} has changed since it was checked: its sha256 is not the one in {Sums.FILE}"
     assert error.startswith(told) or not error
     assert held(empty) == ({} if error else right)
     assert ("refs/tags/1.0.0" in empty.refs(REPO)) == (not error)

@@ -10,7 +10,7 @@ import pytest
 import run_queue as queue
 from support.making import composed
 
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 
 @pytest.mark.slow  # Hydra composes some sixty command lines.

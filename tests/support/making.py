@@ -12,12 +12,11 @@ from hydra import compose, initialize_config_dir
 
 from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
-from pipeline.command.command_line import HYDRA, parsed, register
+from pipeline.command.command_line import HYDRA, as_given, parsed, register
 from pipeline.command.composed import ALL, CONF, options_of, part_of
 from pipeline.command.composed import resolve as jobs_of
 from pipeline.command.stages import STAGES
-from pipeline.command.texts import as_given
-from pipeline.config.stage import Job
+from pipeline.config import Job
 from pipeline.generation import build
 
 

@@ -9,11 +9,10 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table
 
+from labyrinth_core import load_arrays, load_episodes
 from labyrinth_core.data import SPLITS
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation import Player
 from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language import parse
 from labyrinth_core.world import Solver
 

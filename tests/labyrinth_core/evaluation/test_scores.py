@@ -9,9 +9,9 @@ import pytest
 from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table, mistaken
 
+from labyrinth_core import load_arrays
 from labyrinth_core.evaluation import Player, baselines
 from labyrinth_core.evaluation.baselines import TrainMemory, _before, random_figures
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.playing import follow, follow_route
 from labyrinth_core.evaluation.scores import Episodes, Scores
 

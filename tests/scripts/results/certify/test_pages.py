@@ -13,7 +13,7 @@ import report_authors
 import report_coverage
 import report_pages as pages
 
-from pipeline.results.paper import paper_figures
+from pipeline.results.tables import paper_figures
 
 pytestmark = pytest.mark.slow
 
