@@ -16,8 +16,7 @@ from hydra.utils import get_class
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
-from support.composing import composed
-from support.making import DemonstrationsConfig, RunConfig, SplitsConfig, resolve
+from support.making import DemonstrationsConfig, RunConfig, SplitsConfig, composed, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.world import ALGORITHMS, Task
