@@ -230,7 +230,7 @@ class Build:
             own = len(jobs) * (part - 1) // parts
             jobs = jobs[own:] + jobs[:own]
         drawn = ordered_map(draw_chunk, jobs, options.workers)
-        for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
+        for _ in tracked(drawn, "draw", len(jobs)):
             pass
         return (chunk.read(building) for chunk in chunks)
 
@@ -288,7 +288,7 @@ class Build:
         """Make the shards of jobs by workers."""
         made = ordered_map(make_shard, jobs, self.job.options.workers)
         total = sum(len(job.structures) for job in jobs)
-        return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
+        return tuple(tracked(made, "build", total, lambda shard: shard.labyrinths))
 
     def _joined(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
         """Return the shards that parts have finished; raise DatasetError if one is missing."""

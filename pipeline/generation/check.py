@@ -107,9 +107,10 @@ def validate(data: Dataset, workers: int = 1) -> list[str]:
         problems.append(f"{shifts}: not compared with train, which cannot be read: {error}")
     jobs = list(_jobs(data, comparable, train))
     reports = tracked(
-        ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
+        ordered_map(check_shard, jobs, workers),
         "validate",
-        total=sum(shard.rows for shard in manifest.shards),
+        sum(shard.rows for shard in manifest.shards),
+        lambda report: report.shard.rows,
     )
     listed = {Manifest.TABLE, *(shard.path for shard in manifest.shards)}
     unlisted = sorted({path.name for path in data.folder.glob("*.parquet")} - listed)

@@ -299,7 +299,7 @@ def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str,
     targets = [measures for measures in measured if measures is not None]  # Test holds the task.
 
     def of(split: str) -> Iterator[tuple[Structure, int]]:
-        picked = ((1, each) for each in select(config, split, train, targets, taken))
+        picked = select(config, split, train, targets, taken)
         return ((each, UNFIT) for each in tracked(picked, split, config.labyrinths))
 
     return {split: pack(config, of(split)) for split in selected_shifts(config)}

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from joblib.externals.loky import get_reusable_executor
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
