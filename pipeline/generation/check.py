@@ -3,7 +3,7 @@
 The build's functions make the rows from the structure in their text or, in a split with a parent,
 from the structures in the parent's shard. The file must hold these rows: byte for byte if the
 libraries are those of the manifest, else pixel for pixel. The table of labyrinths must hold the
-facts that follow from them. Each labyrinth must keep the rules in `rules`. No structure may occur
+facts that follow from them. Each labyrinth must keep the rules of its split. No structure may occur
 twice in splits without a parent. The number of labyrinths must be the configured one.
 """
 

@@ -15,8 +15,7 @@ from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.commands import refused as refused_command
-from support.composing import composed
-from support.making import RunConfig
+from support.making import RunConfig, composed
 
 from pipeline.command import command_line
 from pipeline.command.composed import DEFAULTS, KINDS

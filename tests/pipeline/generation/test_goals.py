@@ -9,9 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brute_force import Place, fewest_moves, is_connected
+from support.brute_force import Place, Shown, fewest_moves, is_connected, shown
 from support.making import DemonstrationsConfig, Run, SplitsConfig
-from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first
 
 from labyrinth_core.data import SPLITS, Manifest

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run, SplitsConfig
 from support.tampering import content_of, manifest_of
 

@@ -22,7 +22,7 @@ from support.making import Run, SplitsConfig
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Structure
 from pipeline.config import ConfigError
-from pipeline.generation.candidates import unpack
+from pipeline.generation.labyrinths import unpack
 from pipeline.generation.structures import check_capacity, sample
 
 MakeRun = Callable[..., Run]

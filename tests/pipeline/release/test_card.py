@@ -21,11 +21,11 @@ import yaml
 from huggingface_hub import DatasetCard, DatasetCardData
 from PIL import Image
 from support.commands import ended
-from support.composing import composed
 from support.making import (
     DemonstrationsConfig,
     RunConfig,
     SplitsConfig,
+    composed,
     make,
     make_both,
     perform,
