@@ -16,12 +16,10 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
-from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, declared
-from pipeline.command.dataset import DatasetOptions
+from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, DatasetOptions, declared
 from pipeline.command.stages import STAGES
-from pipeline.config.export import EXPORTS, ExportOptions
-from pipeline.config.training import METHODS, target_of
-from pipeline.training.method import find
+from pipeline.config import ExportOptions, TrainingOptions
+from pipeline.training.identity import find
 
 ROOT = Path(__file__).parents[1]
 
@@ -97,7 +95,8 @@ def method(name: str) -> str:
         each: kind.metadata.get("meaning", "") for each, kind, _ in declared(type(settings))
     }
     comment = f"# {MADE} from the Settings of the module, which says what it does.\n"
-    return f"{comment}_target_: {target_of(name)}\n{commented(vars(settings), meanings)}"
+    target = TrainingOptions.target_of(name)
+    return f"{comment}_target_: {target}\n{commented(vars(settings), meanings)}"
 
 
 def export(format_: str) -> str:
@@ -124,8 +123,8 @@ def written() -> dict[Path, str]:
     text = page.read_text(encoding="utf-8")
     files = {page: re.sub(r"\| option \| default(.*\n)+?(?=\n|\Z)", lambda _: table(), text)}
     files |= {ROOT / "conf/config.yaml": config()}
-    files |= {ROOT / f"conf/method/{name}.yaml": method(name) for name in METHODS}
-    formats = EXPORTS if "export" in STAGES else ()  # A wing, which may be taken out.
+    files |= {ROOT / f"conf/method/{name}.yaml": method(name) for name in TrainingOptions.METHODS}
+    formats = ExportOptions.FORMATS if "export" in STAGES else ()  # A wing, which may be taken out.
     return files | {ROOT / f"conf/export/{name}.yaml": export(name) for name in formats}
 
 

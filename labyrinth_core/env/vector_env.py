@@ -20,7 +20,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.env.environment import REWARDS
+from labyrinth_core.env.environment import REWARDS, Kind, Observer
 from labyrinth_core.env.labyrinth_source import (
     LabyrinthLike,
     Size,
@@ -32,9 +32,7 @@ from labyrinth_core.env.labyrinth_source import (
     step_limit,
     write_plainly,
 )
-from labyrinth_core.env.next_labyrinths import NextLabyrinths
-from labyrinth_core.env.observation import Kind, Observer
-from labyrinth_core.env.stack import Stack
+from labyrinth_core.env.stack import NextLabyrinths, Stack
 from labyrinth_core.language import draw_text
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, Gallery, render
 from labyrinth_core.world import BUCKETS, Labyrinth, Tables, Task
@@ -353,7 +351,11 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         infos: Infos = {}
         for (name, values), own in zip(stacked.items(), masks, strict=True):
             infos[f"_{name}"] = own
-            infos[name] = values if mask is None else _only(values, mask)
+            infos[name] = values
+            if mask is not None:
+                only = np.full_like(values, None if values.dtype == object else 0)
+                only[mask] = values[mask]
+                infos[name] = only
         return infos
 
     def render(self) -> tuple[Any, ...] | None:
@@ -385,10 +387,3 @@ class LabyrinthVectorEnv(VectorEnv[Batch, Batch, Batch]):
         draw = draw_text if self.render_mode.startswith("ansi") else render
         labyrinth, state = self._stack.at(slot)
         return draw(labyrinth, labyrinth.state_at(state))
-
-
-def _only(values: Batch, mask: Mask) -> Batch:
-    """Keep the values of a mask, and set the others to None for objects or zero for numbers."""
-    only = np.full_like(values, None) if values.dtype == object else np.zeros_like(values)
-    only[mask] = values[mask]
-    return only

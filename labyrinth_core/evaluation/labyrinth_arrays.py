@@ -106,9 +106,8 @@ class LabyrinthArrays:
         """
         held: dict[int, Labyrinth] = {}
         episodes: list[tuple[Place, NDArray[np.int64]]] = []
-        part = selection.part()
         try:
-            for block in part.replayed(pictures=False):
+            for block in selection.replayed():
                 ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
                 for number, labyrinth in zip(ids, block.parsed(), strict=True):
                     held.setdefault(number, labyrinth).structure.free()
@@ -119,8 +118,7 @@ class LabyrinthArrays:
                 raise DatasetError(f"split={selection.split} has no episodes")
             return _stack(list(held.values()), list(held), episodes, spec, hold=hold)
         except MemoryError as error:
-            count = sum(each.labyrinths for each in part.shards)
-            count = count if part.spans is None else len(part.spans[0])
+            count = selection.total_labyrinths
             needed = (
                 STATE_BYTES * count * max((each.state_count for each in held.values()), default=0)
             )

@@ -29,7 +29,13 @@ def draw_text(
         drawing[index] = ROUTE if drawing[index] == " " else drawing[index]
     if state is not None:
         if labyrinth.task.rules.hides:
-            _hide(drawing, labyrinth, structure.visible_from(state.agent))
+            seen = structure.visible_from(state.agent)
+            shown = seen | {labyrinth.start, labyrinth.goal}
+            for cell in set(range(structure.cells)) - shown:
+                drawing[_index(structure, cell)] = HIDDEN
+            for pair in Structure.without_walls(structure.height, structure.width).passages():
+                if seen.isdisjoint(pair):  # The wall between two cells out of sight.
+                    drawing[sum(_index(structure, cell) for cell in pair) // 2] = HIDDEN
         for tile, gone in ((labyrinth.key, state.has_key), (labyrinth.door, state.door_open)):
             if tile is not None and gone:
                 drawing[_index(structure, tile)] = " "
@@ -48,13 +54,3 @@ def _index(structure: Structure, cell: int) -> int:
     row, column = divmod(cell, structure.width)
     line, length = 2 * (structure.height - 1 - row) + 1, 4 * structure.width + 2
     return line * length + 4 * column + 2
-
-
-def _hide(drawing: list[str], labyrinth: Labyrinth, seen: frozenset[int]) -> None:
-    """Hide the cells out of sight, except start and goal, and the walls between two such cells."""
-    structure = labyrinth.structure
-    for cell in set(range(structure.cells)) - seen - {labyrinth.start, labyrinth.goal}:
-        drawing[_index(structure, cell)] = HIDDEN
-    for pair in Structure.without_walls(structure.height, structure.width).passages():
-        if seen.isdisjoint(pair):
-            drawing[sum(_index(structure, cell) for cell in pair) // 2] = HIDDEN

@@ -2,11 +2,12 @@
 
 Everything is made of upright rectangles, so a picture consists of a few distinct rows of pixels,
 each repeated; this makes the encoder in `png` fast. Cells are square, whatever the shape of the
-labyrinth.
+labyrinth. `StatePictures` keeps the PNG files of a labyrinth's states, which datasets have.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import accumulate, pairwise
@@ -15,7 +16,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.pictures.png import PICTURE_SIZE, Band, KeptStrip, Strip, encode, strips_in
+from labyrinth_core.pictures.png import (
+    PICTURE_SIZE,
+    Band,
+    KeptStrip,
+    Mosaic,
+    PictureDigest,
+    Strip,
+    encode,
+    strips_in,
+)
 from labyrinth_core.pictures.resize import shrink
 from labyrinth_core.pictures.style import Colour, Style, style_for, usual_wall_pixels
 from labyrinth_core.world import TILES, Labyrinth, State
@@ -29,6 +39,9 @@ AGENT, AGENT_WITH_KEY = 64, 128
 
 AGENT_INSET = 2
 """How far the agent's square is from the walls, in twelfths of a cell."""
+
+REMEMBERED_BYTES = 32 << 20
+"""The size of the cache of a labyrinth's pictures; it holds 1,200 at 100x100."""
 
 
 def render(
@@ -161,6 +174,31 @@ class Painter:
         if grid.bottom:
             strips.append(((margin, grid.bottom),))
         return strips
+
+
+class StatePictures(dict[State, tuple[bytes, bytes]]):
+    """A cache of the pictures of a labyrinth's states, each drawn when it is first needed.
+
+    A value is the PNG file and the digest of its pixels: see `PictureDigest`.
+    """
+
+    def __init__(self, labyrinth: Labyrinth) -> None:
+        super().__init__()
+        self._painter = Painter(labyrinth)
+        strips = self._painter.strips()
+        self._mosaic, self._digests = Mosaic(strips, PICTURE_SIZE), PictureDigest(strips)
+
+    def __missing__(self, state: State) -> tuple[bytes, bytes]:
+        (png,), (digest,) = self.draw([state])
+        if len(self) * len(png) >= REMEMBERED_BYTES:
+            self.clear()
+        self[state] = png, digest
+        return png, digest
+
+    def draw(self, states: Sequence[State]) -> tuple[Sequence[bytes], Sequence[bytes]]:
+        """Return the PNG files and the digests of states, without keeping them."""
+        changes = list(map(self._painter.changes, states))
+        return list(map(self._mosaic.encode, changes)), list(map(self._digests.digest, changes))
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,10 @@ def shrink(strips: Sequence[Strip], image_size: int) -> NDArray[np.uint8]:
         image_size: The side of the result, shape (image_size, image_size, 3).
     """
     if image_size == PICTURE_SIZE:
-        return _unshrunk(strips)
+        bands = [band for strip in strips for band in strip]
+        rows = np.frombuffer(b"".join([row for row, _ in bands]), np.uint8)
+        counts = [count for _, count in bands]
+        return rows.reshape(len(bands), PICTURE_SIZE, 3).repeat(counts, axis=0)
     share_of = _remembering_shares(image_size)
     unit = int(weights(image_size)[0].sum()) ** 2
     # Start with half a unit, so that the division rounds.
@@ -82,13 +85,6 @@ def area_average(picture: NDArray[np.uint8], image_size: int) -> NDArray[np.uint
     sums = weight_of @ rows.reshape(image_size, side, 3)
     unit = int(weight_of[0].sum()) ** 2
     return ((2 * sums + unit) // (2 * unit)).astype(np.uint8)
-
-
-def _unshrunk(strips: Sequence[Strip]) -> NDArray[np.uint8]:
-    bands = [band for strip in strips for band in strip]
-    rows = np.frombuffer(b"".join([row for row, _ in bands]), np.uint8)
-    counts = [count for _, count in bands]
-    return rows.reshape(len(bands), PICTURE_SIZE, 3).repeat(counts, axis=0)
 
 
 # The speed without the caches of shares: 0.25 times for new pictures of 5x5, 0.7 times for new ones

@@ -2,13 +2,14 @@
 
 Parts that states share are drawn once, and labyrinths of one size are drawn together. `renderer`
 makes the strips of PNG files, and takes half the time for pictures of 600 x 600. Smaller pictures,
-which loading, environments and evaluation use, are drawn faster here.
+which loading, environments and evaluation use, are drawn faster here. `KeptScenes` and `Gallery`
+keep what they drew.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,16 @@ from numpy.typing import NDArray
 from labyrinth_core.checks import whole
 from labyrinth_core.pictures.backdrops import (
     Backdrops,
+    Corners,
     Mask,
     Numbers,
     Pictures,
     Scenes,
     backdrops_of,
+    bands_of,
+    cut,
     memory_of_scene,
+    paste,
 )
 from labyrinth_core.pictures.png import PICTURE_SIZE
 from labyrinth_core.pictures.renderer import Painter
@@ -32,7 +37,9 @@ from labyrinth_core.pictures.vector import (
     initial_vectors,
     seen_by,
 )
-from labyrinth_core.world import Labyrinth, Labyrinths, State, Task
+from labyrinth_core.world import Labyrinth, Labyrinths, Look, State, Task
+
+LOOKS = tuple(Look)
 
 DRAWN_BYTES, DRAWN_CELLS = 2**23, 2**20
 """The most bytes of pictures, and cells of their labyrinths, to draw together."""
@@ -294,3 +301,133 @@ def _fill(
         some.draw(drawn, ascending[part] - first, agents[indices], with_key[indices])
         if not in_order:
             pictures[indices] = drawn
+
+
+class Stack(Protocol):
+    """Labyrinths of one size and task, and the state of the agent in each."""
+
+    initial_vectors: NDArray[np.int32]
+    """The `vector.initial_vector` of each labyrinth."""
+    looks: NDArray[np.intp]
+    """The look of each labyrinth, as an index in `Look`."""
+
+    def states(self) -> NDArray[np.int64]:
+        """Return the index of each agent's state within its labyrinth, shape (count,)."""
+
+    def visible(self) -> NDArray[np.bool_]:
+        """Return `Structure.visible_from` for each agent, shape (count, height, width)."""
+
+
+class Gallery:
+    """The pictures of a number of labyrinths of one size and task.
+
+    For each labyrinth it keeps the picture without the agent, and the patches that show the agent
+    in each cell. A step copies the picture and pastes a patch, or exchanges two patches in place.
+    Under partial observability more than a patch changes, so it keeps the picture with the agent,
+    and redraws it when the agent moves. It caches the first labyrinths, as many as its memory
+    holds; the others are redrawn every time.
+    """
+
+    def __init__(
+        self, count: int, shape: tuple[int, int, Task], image_size: int, memory: int, *, copy: bool
+    ) -> None:
+        """Make room for pictures.
+
+        Args:
+            count: The number of labyrinths.
+            shape: Their height, width and task.
+            image_size: Pixels on each side of a picture.
+            memory: The most bytes to keep.
+            copy: Whether `pictures` returns a new array each time, not always the same one.
+
+        Raises:
+            ValueError: The labyrinths are too large for every wall to have a pixel.
+        """
+        self._count, self._size, self._copy, self._shape = count, image_size, copy, shape
+        height, width, task = shape
+        self._cells = height * width
+        self._hides = task.rules.hides
+        self._reach = reach = bands_of(height, width, None, image_size).reach
+        patches = 0 if self._hides else self._cells
+        self._kept = kept = min(count, memory // (3 * (image_size**2 + patches * reach**2)))
+        self._shown = np.empty((kept if copy else count, image_size, image_size, 3), np.uint8)
+        self._patches = np.empty((kept, patches, reach, reach, 3), np.uint8)
+        self._corners = np.zeros((len(LOOKS), 2, self._cells), np.intp)
+        self._drawn = np.full(kept, -1, np.int64)
+        """What each cached picture shows: the index of the state if cells are hidden, else 0, or 1
+        with the key, or 2 with the door open; -1 for no picture."""
+        self._covered: tuple[Corners, Pictures] | None = None
+        """The pixels under the patches now shown, if patches are exchanged in place."""
+
+    def forget(self, slots: Numbers) -> None:
+        """Forget the labyrinths in some slots, which have been replaced."""
+        self._drawn[slots[slots < self._kept]] = -1
+
+    def pictures(self, stack: Stack) -> Pictures:
+        """Return the pictures of all labyrinths, shape (count, image_size, image_size, 3)."""
+        states, kept = stack.states(), np.arange(self._kept)
+        if self._covered is not None:
+            paste(self._shown, kept, *self._covered)
+        phases, agents = np.divmod(states[: self._kept], self._cells)
+        self._renew(stack, states[: self._kept] if self._hides else phases)
+        shown = self._shown
+        if self._copy:
+            shown = np.empty((self._count, *shown.shape[1:]), np.uint8)
+            shown[: self._kept] = self._shown
+        if not self._hides:
+            tops, lefts = self._corners[stack.looks[: self._kept], :, agents].T
+            if not self._copy:
+                self._covered = (tops, lefts), cut(shown, kept, (tops, lefts), self._reach)
+            paste(shown, kept, (tops, lefts), self._patches[kept, agents])
+        if self._kept < self._count:
+            shown[self._kept :] = self._draw(stack, np.arange(self._kept, self._count))
+        if not self._copy:
+            shown = shown.view()
+            shown.setflags(write=False)
+        return shown
+
+    def _alike(self, stack: Stack, slots: Numbers) -> Iterator[tuple[int, Style, Numbers]]:
+        """Yield each look of the labyrinths in some slots, its style, and its slots."""
+        looks = stack.looks[slots]
+        for look in np.unique(looks).tolist():
+            yield look, style_for(LOOKS[look], *self._shape[:2]), slots[looks == look]
+
+    def _draw(self, stack: Stack, slots: Numbers) -> Pictures:
+        """Draw the pictures of the labyrinths in some slots, without the cache."""
+        pictures = np.empty((len(slots), *self._shown.shape[1:]), np.uint8)
+        for _, style, alike in self._alike(stack, slots):
+            pictures[np.isin(slots, alike)] = draw_states(
+                self._shape,
+                stack.initial_vectors,
+                alike,
+                stack.states()[alike],
+                self._size,
+                style,
+                visible=lambda which, _: stack.visible()[which],
+            )
+        return pictures
+
+    def _renew(self, stack: Stack, needed: Numbers) -> None:
+        """Draw the pictures that are needed but not cached; see `_drawn`."""
+        stale = np.flatnonzero(self._drawn != needed)
+        if not len(stale):
+            return
+        if self._hides:
+            self._shown[stale] = self._draw(stack, stale)
+        else:
+            for look, style, alike in self._alike(stack, stale):
+                phases = needed[alike]
+                scenes = Scenes(
+                    *self._shape, stack.initial_vectors[alike], phases >= 1, phases == 2
+                )
+                for first, backdrops in backdrops_of(scenes, self._size, style):
+                    slots = alike[first : first + len(backdrops)]
+                    self._shown[slots] = backdrops.bare()
+                    # The agent in each cell of each labyrinth.
+                    shown = np.repeat(np.arange(len(backdrops)), self._cells)
+                    agents = np.tile(np.arange(self._cells), len(backdrops))
+                    with_key = np.repeat(needed[slots] == 1, self._cells)
+                    patches = backdrops.patches(shown, agents, with_key)
+                    self._patches[slots] = patches.reshape(-1, *self._patches.shape[1:])
+                self._corners[look] = backdrops.corners(np.arange(self._cells))
+        self._drawn[stale] = needed[stale]

@@ -13,11 +13,11 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.world.batch import Tables as Tables
     from labyrinth_core.world.batch import seen_together as seen_together
     from labyrinth_core.world.batch_sampling import BatchSampler as BatchSampler
-    from labyrinth_core.world.grid import SIDES as SIDES
     from labyrinth_core.world.labyrinth import Episode as Episode
     from labyrinth_core.world.labyrinth import Labyrinth as Labyrinth
     from labyrinth_core.world.labyrinth import Sketch as Sketch
     from labyrinth_core.world.rules import RULES as RULES
+    from labyrinth_core.world.rules import SIDES as SIDES
     from labyrinth_core.world.rules import TILES as TILES
     from labyrinth_core.world.rules import Action as Action
     from labyrinth_core.world.rules import LabyrinthError as LabyrinthError
@@ -39,9 +39,17 @@ else:
         {
             "batch": ("Labyrinths", "Structures", "Tables", "seen_together"),
             "batch_sampling": ("BatchSampler",),
-            "grid": ("SIDES",),
             "labyrinth": ("Episode", "Labyrinth", "Sketch"),
-            "rules": ("Action", "LabyrinthError", "Look", "RULES", "State", "TILES", "Task"),
+            "rules": (
+                "Action",
+                "LabyrinthError",
+                "Look",
+                "RULES",
+                "SIDES",
+                "State",
+                "TILES",
+                "Task",
+            ),
             "sampling": ("ALGORITHMS", "default_open_walls"),
             "solver": ("RouteMemory", "Solver"),
             "structure": ("BUCKETS", "Structure", "identity"),

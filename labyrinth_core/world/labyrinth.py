@@ -65,7 +65,15 @@ class Labyrinth:
             if cell in taken:
                 raise LabyrinthError(f"the {taken[cell]} and the {name} share a cell", cell)
             taken[cell] = name
-        self._check_solvable()
+        if self.cell_distances[self.start] == UNREACHABLE:
+            without = " without ice" if self.ice else ""
+            raise LabyrinthError(f"no route{without} leads from start to goal", self.goal)
+        if self.key is not None and self.door is not None:
+            before_door = self.structure.distances(self.start, [self.door])
+            if before_door[self.goal] != UNREACHABLE:
+                raise LabyrinthError("a route from start to goal avoids the door", self.door)
+            if before_door[self.key] == UNREACHABLE:
+                raise LabyrinthError("the key cannot be reached without passing the door", self.key)
 
     def __reduce__(self) -> tuple[object, ...]:
         return Labyrinth, tuple(getattr(self, each.name) for each in fields(self))
@@ -100,18 +108,6 @@ class Labyrinth:
     def cell_distances(self) -> Sequence[int]:
         """The least number of moves from each cell to the goal, avoiding ice; the door is open."""
         return self.structure.distances(self.goal, self.ice)
-
-    def _check_solvable(self) -> None:
-        structure, door = self.structure, self.door
-        if self.cell_distances[self.start] == UNREACHABLE:
-            without = " without ice" if self.ice else ""
-            raise LabyrinthError(f"no route{without} leads from start to goal", self.goal)
-        if self.key is not None and door is not None:
-            before_door = structure.distances(self.start, [door])
-            if before_door[self.goal] != UNREACHABLE:
-                raise LabyrinthError("a route from start to goal avoids the door", door)
-            if before_door[self.key] == UNREACHABLE:
-                raise LabyrinthError("the key cannot be reached without passing the door", self.key)
 
     @property
     def size_name(self) -> str:

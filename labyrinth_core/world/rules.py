@@ -1,4 +1,4 @@
-"""The rules of the world: tasks with their tiles, looks, actions, states and rewards.
+"""The rules of the world: sizes, tasks with their tiles, looks, actions, states and rewards.
 
 A move into a wall leaves the agent where it is and costs a step, whatever lies behind the wall.
 """
@@ -9,6 +9,9 @@ from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from functools import cached_property
 from typing import NamedTuple
+
+SIDES = range(2, 1_001)
+"""The heights and widths allowed; the largest limits the time and memory that text can cost."""
 
 
 class LabyrinthError(ValueError):

@@ -1,4 +1,4 @@
-"""Sample random structures: draw a spanning tree, then open further walls at random.
+"""Draw random spanning trees of a grid, to which `Structure.sample` adds passages at random.
 
 Only Wilson's algorithm gives every spanning tree the same probability. Opening walls afterwards
 makes every connected structure possible.
@@ -6,19 +6,11 @@ makes every connected structure possible.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
-from itertools import chain, repeat
+from itertools import chain, compress, repeat
 
 import numpy as np
-
-from labyrinth_core.world.grid import (
-    bit_set,
-    checked_sides,
-    horizontal_edges,
-    neighbours,
-    vertical_edges,
-)
 
 Edge = tuple[int, int]
 
@@ -47,45 +39,15 @@ class Draws:
         """Uniform integers from 0 to 11; their remainders modulo 2, 3 and 4 are uniform, too."""
 
 
-def sample_passages(
-    height: int,
-    width: int,
-    rng: np.random.Generator,
-    algorithm: str,
-    open_walls: float | None,
-) -> Iterator[tuple[int, int]]:
-    """Yield `up` and `right` of random structures; the arguments are those of `Structure.sample`.
-
-    Raises:
-        ValueError: As for `Structure.sample`.
-    """
-    height, width = checked_sides(height, width)
-    if algorithm not in ALGORITHMS:
-        raise ValueError(f"sampler={algorithm}: choose one of {', '.join(ALGORITHMS)}")
-    if open_walls is None:
-        open_walls = default_open_walls(height, width)
-    if not 0 <= open_walls <= 1:
-        raise ValueError(f"open_walls={open_walls}: give a probability from 0 to 1")
-    draw_tree = ALGORITHMS[algorithm]
-    cells = height * width
-    beside = cells_beside(height, width)
-    edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
-    draws = Draws(rng)
-    while True:
-        digits = ["0"] * (2 * cells)  # First the passages up, then the passages to the right.
-        for a, b in draw_tree(beside, draws):
-            digits[min(a, b) + (0 if abs(b - a) == width else cells)] = "1"
-        is_open = bit_set("".join(digits))
-        if open_walls:
-            coins = np.packbits(rng.random(2 * cells) < open_walls, bitorder="little")
-            is_open |= edges & int.from_bytes(coins.tobytes(), "little")
-        yield is_open & (1 << cells) - 1, is_open >> cells
-
-
 @lru_cache(maxsize=1)  # For environments, which draw one at a time: 1.1 ms, not 1.6, at 25x25.
 def cells_beside(height: int, width: int) -> Neighbours:
     """Return the neighbours of each cell, regardless of walls, in the order of the actions."""
-    return [list(neighbours(cell, height, width).values()) for cell in range(height * width)]
+    beside = []
+    for cell in range(height * width):
+        row, column = divmod(cell, width)
+        inside = row + 1 < height, column + 1 < width, row > 0, column > 0
+        beside.append([cell + step for step in compress((width, 1, -width, -1), inside)])
+    return beside
 
 
 def default_open_walls(height: int, width: int) -> float:

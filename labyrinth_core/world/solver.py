@@ -80,8 +80,10 @@ class Solver:
             if after.count(nearer) > 1:
                 routes = routes or self._count_shortest_routes(state)
                 rng = rng() if callable(rng) else rng
-                # Choose each action in proportion to the number of routes that begin with it.
-                ticket = _uniform_below(routes[state], rng)
+                # Choose each action in proportion to the number of routes that begin with it: the
+                # ticket is uniform below the number of routes, with a bias below 2 ** -64.
+                length = routes[state].bit_length() // 8 + 9
+                ticket = int.from_bytes(rng.bytes(length), "little") * routes[state] >> 8 * length
                 for action in self._choices(state):
                     ticket -= routes[table[state][action]]
                     if ticket < 0:
@@ -242,12 +244,6 @@ def optimal_actions(labyrinth: Labyrinth) -> NDArray[np.bool_]:
 def shortest_route(labyrinth: Labyrinth, rng: Randomness) -> list[int]:
     """Return the actions of a shortest route, drawn uniformly from all shortest routes."""
     return Solver(labyrinth).shortest_route(rng)
-
-
-def _uniform_below(bound: int, rng: np.random.Generator) -> int:
-    """Return a random integer from 0 to `bound` - 1; the bias is below 2 ** -64."""
-    length = bound.bit_length() // 8 + 9
-    return int.from_bytes(rng.bytes(length), "little") * bound >> 8 * length
 
 
 _Tree = dict[int, "_Tree"]

@@ -15,15 +15,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.world.grid import (
-    bit_set,
-    checked_sides,
-    digits,
-    horizontal_edges,
-    vertical_edges,
-)
-from labyrinth_core.world.rules import Action
-from labyrinth_core.world.sampling import sample_passages
+from labyrinth_core.checks import whole
+from labyrinth_core.world.rules import SIDES, Action
+from labyrinth_core.world.sampling import ALGORITHMS, Draws, cells_beside, default_open_walls
 
 
 class Buckets(NamedTuple):
@@ -46,6 +40,37 @@ Moves = tuple[int, int, int, int]
 
 DIAGONALS = tuple(product((Action.RIGHT, Action.LEFT), (Action.UP, Action.DOWN)))
 """The four diagonals, each as a step sideways, then a step up or down."""
+
+
+def digits(bits: int, cells: int) -> str:
+    """Return a bit set as text, a digit per cell in order: 1 if the cell is in the set, else 0."""
+    return f"{bits:0{cells}b}"[::-1]
+
+
+def bit_set(digits: str) -> int:
+    """Return the bit set that a string of digits 0 and 1 describes; the inverse of `digits`."""
+    return int(digits[::-1], 2)
+
+
+def vertical_edges(height: int, width: int) -> int:
+    """Return the bit set of the cells with a neighbour above: all but the top row."""
+    return (1 << (height - 1) * width) - 1
+
+
+def horizontal_edges(height: int, width: int) -> int:
+    """Return the bit set of the cells with a neighbour to the right: all but the last column."""
+    row = (1 << width - 1) - 1
+    return row * (((1 << height * width) - 1) // ((1 << width) - 1))
+
+
+def checked_sides(height: object, width: object) -> tuple[int, int]:
+    """Return the height and width of a labyrinth as Python ints.
+
+    Raises:
+        ValueError: One of them is not an integer from 2 to 1,000.
+    """
+    least, most = SIDES[0], SIDES[-1]
+    return whole("height", height, least, most), whole("width", width, least, most)
 
 
 @dataclass(frozen=True, order=True)
@@ -99,8 +124,27 @@ class Structure:
             ValueError: The algorithm is unknown, `open_walls` is not a probability, or the height
                 or width is not allowed.
         """
-        for up, right in sample_passages(height, width, rng, algorithm, open_walls):
-            yield cls(height, width, up, right)
+        height, width = checked_sides(height, width)
+        if algorithm not in ALGORITHMS:
+            raise ValueError(f"sampler={algorithm}: choose one of {', '.join(ALGORITHMS)}")
+        if open_walls is None:
+            open_walls = default_open_walls(height, width)
+        if not 0 <= open_walls <= 1:
+            raise ValueError(f"open_walls={open_walls}: give a probability from 0 to 1")
+        draw_tree = ALGORITHMS[algorithm]
+        cells = height * width
+        beside = cells_beside(height, width)
+        edges = vertical_edges(height, width) | horizontal_edges(height, width) << cells
+        draws = Draws(rng)
+        while True:
+            digits = ["0"] * (2 * cells)  # First the passages up, then the passages to the right.
+            for a, b in draw_tree(beside, draws):
+                digits[min(a, b) + (0 if abs(b - a) == width else cells)] = "1"
+            is_open = bit_set("".join(digits))
+            if open_walls:
+                coins = np.packbits(rng.random(2 * cells) < open_walls, bitorder="little")
+                is_open |= edges & int.from_bytes(coins.tobytes(), "little")
+            yield cls(height, width, is_open & (1 << cells) - 1, is_open >> cells)
 
     @classmethod
     def from_passages(

@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from labyrinth_core.checks import whole
-from labyrinth_core.world.grid import checked_sides
 from labyrinth_core.world.labyrinth import Labyrinth
 from labyrinth_core.world.rules import LabyrinthError, Look, Task
-from labyrinth_core.world.structure import UNREACHABLE, Structure
+from labyrinth_core.world.structure import UNREACHABLE, Structure, checked_sides
 
 ICE_SEARCH = 500_000
 """About how many cells the search for a place for ice visits before giving up."""

@@ -16,11 +16,11 @@ from labyrinth_core.language import Collection, parse
 from labyrinth_core.listing import files_in
 from labyrinth_core.storage import AnyPath
 from labyrinth_core.world import Labyrinth, Structure
-from pipeline.inspection import front_matter
-from pipeline.inspection.leakage import find_leakage, id_of
-from pipeline.inspection.verdict import LEAKS_SHOWN, as_text, leaks, table_of
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
+from pipeline.inspection import as_text, find_leakage, front_matter, id_of
+from pipeline.machinery import leave, say, tracked
+
+PROBLEMS_SHOWN = 10
+"""The maximum number of problems printed in the terminal."""
 
 
 def certify_labyrinths(
@@ -52,13 +52,13 @@ def certify_labyrinths(
     }
     leave(folder, {name: as_text(content).encode()}, overwrite=overwrite)
     path = folder / name
-    say(table_of(leakage, with_routes=not found.structures_alone))
-    yield from leaks(leakage, found.files)
+    say(leakage.table(with_routes=not found.structures_alone))
+    yield from leakage.lines(found.files)
     if found.structures_alone:
         yield "Some labyrinths have no start and goal, so only structures are compared."
     yield f"{path} has the full results."
     if found.problems:
-        yield from found.problems[1:LEAKS_SHOWN]
+        yield from found.problems[1:PROBLEMS_SHOWN]
         raise DatasetError(
             f"{len(found.problems):,} labyrinths or files could not be read, and are not in the "
             f"analysis; {path} lists them all; the first: {found.problems[0]}"

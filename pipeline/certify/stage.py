@@ -14,10 +14,8 @@ from labyrinth_core.benchmarks import CertifyError, certify
 from labyrinth_core.errors import DatasetError
 from pipeline.certify.labyrinths import certify_labyrinths
 from pipeline.certify.options import CertifyStageOptions
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import within
+from pipeline.config import Job
+from pipeline.machinery import leave, say, within
 
 FOLDER = "analysis"
 """The folder in `data_dir` for the analyses of data from elsewhere."""

@@ -21,13 +21,9 @@ from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Resu
 from labyrinth_core.language import labyrinth_id
 from labyrinth_core.policies import PolicyNameError, RunRecord, open_policy
 from labyrinth_core.world import Solver
-from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job, check
 from pipeline.evaluation.options import EvaluateOptions, EvaluationOptions, described_by
-from pipeline.machinery.artifact import Ownership, leave
-from pipeline.machinery.console import say, say_once, tracked
-from pipeline.machinery.folders import within
-from pipeline.machinery.sums import Sums
+from pipeline.machinery import Ownership, Sums, leave, say, tracked, within
 
 ATTEMPTS = "attempts"
 """The folder of animated GIFs, inside the folder of the results."""
@@ -66,7 +62,7 @@ def run(job: Job[EvaluateOptions]) -> None:
     if results.memorised:
         say(f"{results.memorised}\n")
     for part in results.legend():
-        say_once(part)
+        say(part, once=True)
     say(str(path))
 
 

@@ -10,11 +10,7 @@ from labyrinth_core import typed
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, RunName
 from labyrinth_core.pictures import PICTURE_SIZE
-from pipeline.config.errors import check
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions
+from pipeline.config import Job, Stage, TrainingOptions, WorkOptions, check, option
 
 COMPARE = "stages=results", "compare it with others"
 """What to do after an evaluation, and why."""

@@ -14,8 +14,8 @@ from labyrinth_core.data import SPLITS, Dataset, LoadedEpisode, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.version import DEVELOPERS, __version__
 from labyrinth_core.world import RULES
-from pipeline.config.export import ExportOptions
-from pipeline.machinery.console import tracked
+from pipeline.config import ExportOptions
+from pipeline.machinery import tracked
 
 PART_BYTES = 16 << 20
 """The minimum bytes of pictures in a part; only the last part may have fewer."""

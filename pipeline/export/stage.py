@@ -11,15 +11,11 @@ from pathlib import Path
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.storage import File
-from pipeline.config.errors import check
-from pipeline.config.export import ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ExportOptions, Job, check
 from pipeline.export.options import ExportStageOptions
 from pipeline.export.split import Split
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import Ownership, produced
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import Sums
+from pipeline.machinery import Ownership, Sums, produced, say
 
 README = "README.md"
 """The card of the datasets in a folder, which may name their licence."""

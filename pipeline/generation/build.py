@@ -30,9 +30,7 @@ from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifes
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job
 from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
 from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
@@ -47,10 +45,7 @@ from pipeline.generation.structures import check_capacity, sample
 from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
-from pipeline.machinery.markdown import count
+from pipeline.machinery import count, held, ordered_map, say, tracked
 
 CELLS_PER_SHARD = 400_000
 """The cells of all labyrinths in a shard: 16,000 labyrinths at 5x5, tens of megabytes."""
@@ -239,9 +234,7 @@ class Build:
             jobs, in_one_chunk = self.plan(existing)
             shards = self._joined(jobs) if workplace.parts else self.made(jobs)
             _check_shifts(config, shards)
-            manifest = Manifest.of_build(
-                config, build_versions(), shards, in_one_chunk=in_one_chunk
-            )
+            manifest = Manifest.of_build(config, shards, in_one_chunk=in_one_chunk)
             manifest = self._tabulate(workplace.shards, jobs, manifest)
             workplace.commit(manifest)
         except ConfigError:  # There are too few labyrinths, so the shards are of no use.
@@ -360,7 +353,7 @@ def _shards_there(
                     f"{data.folder} holds labyrinths that are not in the dataset with more "
                     "labyrinths or shifts: choose another data_dir, or give overwrite=true"
                 )
-    return by_structures if dict(data.manifest.versions) == build_versions() else {}
+    return by_structures if data.manifest.is_of_current_versions else {}
 
 
 def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:

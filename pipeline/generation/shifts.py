@@ -1,6 +1,6 @@
 """The shifts that select their own structures: how candidates are drawn, and their properties.
 
-`labyrinth_core.data.splits` says what the other shifts change, and `labyrinths` makes their
+`labyrinth_core.data.dataset_config` says what the other shifts change, and `labyrinths` makes their
 labyrinths from those of their parent.
 
 Structures with long routes are too rare to wait for, so `stretched` makes each from a sampled

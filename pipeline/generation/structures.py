@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import Labyrinth, Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
 from pipeline.generation.shifts import (
     SELECTED_SHIFTS,
@@ -41,8 +41,8 @@ from pipeline.generation.shifts import (
     selected_shifts,
     train_of,
 )
-from pipeline.inspection.near_twins import Neighbourhood
-from pipeline.machinery.console import tracked
+from pipeline.inspection import Neighbourhood
+from pipeline.machinery import tracked
 
 COUNTABLE_EDGES = 13
 """Sizes with at most this many pairs of neighbouring cells, such as 3x3, are counted in full."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from functools import cache
 from math import ceil
 from threading import Event, Thread
 from typing import Any, TypeVar
@@ -43,18 +42,25 @@ class _Console(Console):
 console = _Console(markup=False, emoji=False)
 
 
-def say(what: str | Table) -> None:
-    """Print a line as it is, neither coloured nor wrapped, or a table."""
+_said: set[str | Table] = set()
+"""The lines that this process has printed with `once`."""
+
+
+def say(what: str | Table, *, once: bool = False) -> None:
+    """Print a line as it is, neither coloured nor wrapped, or a table.
+
+    Args:
+        what: The line or the table.
+        once: Whether to print nothing if this process has printed the same with `once` already.
+    """
+    if once and what in _said:
+        return
+    if once:
+        _said.add(what)
     if isinstance(what, str):
         console.print(what, highlight=False, soft_wrap=True)
     else:
         console.print(what)
-
-
-@cache
-def say_once(text: str) -> None:
-    """Print a line as `say` does, unless this process has printed it already."""
-    say(text)
 
 
 class Bars(Progress):

@@ -19,13 +19,8 @@ from labyrinth_core.errors import DatasetError, printable_line
 from labyrinth_core.evaluation import Description, Evaluation, KnownDataset, Results, TrainedRun
 from labyrinth_core.policies import PolicyNameError, open_policy
 from labyrinth_core.storage import folder_at
-from pipeline.config.errors import check
-from pipeline.config.options import ResultsFolderOption
-from pipeline.config.stage import Job
-from pipeline.config.training import METHODS, TrainingOptions
-from pipeline.machinery.artifact import Ownership
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import Sums
+from pipeline.config import Job, ResultFolderOptions, TrainingOptions, check
+from pipeline.machinery import Ownership, Sums, say
 from pipeline.results.leaderboard import AUTHOR, IN_PRINT, run_of, title_of
 from pipeline.results.options import ResultsOptions
 
@@ -54,7 +49,7 @@ def gather(checks: Checks, results_dir: Path, overwrite: bool) -> tuple[Copies, 
         except DatasetError as error:
             refused.append(str(error))
             continue
-        kind = ResultsFolderOption.SUBMISSIONS if results.run is None else RUNS
+        kind = ResultFolderOptions.SUBMISSIONS if results.run is None else RUNS
         copies[f"{kind}/{config}/{name}.json"] = path, results
     files = {name: path.read_bytes() for name, (path, _) in copies.items()}
     own = Ownership(Sums.read(results_dir, overwrite=overwrite))
@@ -80,7 +75,7 @@ def read_all(
     named: dict[tuple[str, str, str], str] = {}
     new = {results_dir / name: results for name, (_, results) in copies.items()}
     of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
-    submitted = Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS)
+    submitted = Results.submitted_files(results_dir / ResultFolderOptions.SUBMISSIONS)
     refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
     files = (path for path, reason in submitted if not reason)
     for path in sorted({*new, *of_runs, *files}):
@@ -307,7 +302,7 @@ class Checks:
             folder = self.run_dir / run.config / run.name
             if not folder.is_dir():
                 raise DatasetError(f"runs are not in {self.run_dir}")
-            if run.method not in METHODS:
+            if run.method not in TrainingOptions.METHODS:
                 raise DatasetError("methods in Python are not executed")
             return open_policy(folder)
         if policy is not None:

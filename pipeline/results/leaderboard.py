@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Description, Results, RunName, TrainedRun
 from labyrinth_core.language import parse_size
-from pipeline.config.training import METHODS
-from pipeline.machinery.markdown import count, plain, table
+from pipeline.config import TrainingOptions
+from pipeline.machinery import count, plain, table
 
 RANKED_BY = "test"
 """The split whose SPL decides the rank: no method learns from its structures."""
@@ -127,7 +127,7 @@ def _described(run: TrainedRun, figures: Mapping[str, Figures]) -> Description:
     labyrinths = run.first_labyrinths or figures["train"]["labyrinths"]
     return Description(
         name=title_of(run),
-        author=AUTHOR if run.method in METHODS else "",
+        author=AUTHOR if run.method in TrainingOptions.METHODS else "",
         budget=count(run.training["epochs"], "epoch"),
         details={} if run.train_labyrinths == run.FRESH else {"labyrinths": labyrinths},
     )

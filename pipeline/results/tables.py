@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation import Results
 from labyrinth_core.world import RULES
-from pipeline.inspection.shift import holm
-from pipeline.machinery.markdown import count, plain, table
+from pipeline.inspection import holm
+from pipeline.machinery import count, plain, table
 from pipeline.results.leaderboard import RANKED_BY, Entry, as_csv, name_of, percent_cell, run_of
 
 MARK = "†"

@@ -27,11 +27,8 @@ from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Resu
 from labyrinth_core.policies import SECONDS, PolicyNameError, files_of
 from labyrinth_core.storage import File
 from labyrinth_core.world import Task
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.folders import held
+from pipeline.config import ConfigError, Job
+from pipeline.machinery import held, leave, say, tracked
 from pipeline.season.options import SUBMISSION, SeasonStageOptions
 from pipeline.season.season import (
     MOST_BYTES,

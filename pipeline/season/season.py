@@ -25,13 +25,9 @@ from labyrinth_core.data import Dataset, DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File, LocalFile
-from labyrinth_core.version import build_versions
-from pipeline.config.errors import ConfigError, check
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, Job, check
 from pipeline.generation import built
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
+from pipeline.machinery import held, produced, say
 from pipeline.season.options import SeasonStageOptions
 
 PRIVATE = "labyrinth-season-"
@@ -122,7 +118,7 @@ class Season:
             secret_sha256=hashlib.sha256(secret).hexdigest(),
             fingerprint=manifest.fingerprint,
             shards={shard.path: shard.sha256 for shard in manifest.shards},
-            versions=build_versions(),
+            versions=Manifest.current_versions(),
         )
 
     @classmethod

@@ -14,7 +14,7 @@ from figures import COLOURS, draw_rates
 from kept_results import Run, bounds, grouped, rate, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.leaderboard import name_of
 
 SETS = ("train", "test", "s0", "s0_and_g", "test, new ends", "fresh")

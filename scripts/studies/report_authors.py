@@ -27,7 +27,7 @@ from run_queue import AUTHORS
 from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.scores import Scores
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.leaderboard import IN_PRINT
 from pipeline.results.tables import PaperFigure, paper_figures
 

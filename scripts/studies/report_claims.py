@@ -23,7 +23,7 @@ from run_queue import HOURS, LONGEST, SCALING, missing_in
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.scores import interval
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.leaderboard import IN_PRINT, name_of
 from pipeline.results.leaderboard import RANKED_BY as SPLIT
 from pipeline.results.tables import conclusion, differences_of, interquartile_mean

@@ -9,7 +9,7 @@ from __future__ import annotations
 from kept_results import grouped, read_runs, solved_in, whole
 from report_ablation import shown
 
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.leaderboard import name_of
 
 

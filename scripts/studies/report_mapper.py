@@ -15,7 +15,7 @@ from figures import COLOURS, INK, heat_map
 from kept_results import RESULTS, Run, read_run, read_runs, solved_in, whole
 from matplotlib.figure import Figure
 
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 KINDS = {
     "mapper": "mapper",

@@ -11,7 +11,7 @@ from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 from pipeline.results.leaderboard import name_of
 
 Kept = dict[str, Any]

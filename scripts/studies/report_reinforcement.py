@@ -16,7 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter
 from numpy.typing import NDArray
 
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 SIZES = ("3x3", "5x5")
 METHODS = ("PPO", "DQN")

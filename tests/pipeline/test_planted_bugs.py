@@ -30,12 +30,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         *[((), "pipeline.questions.check:routes_of")] * ("questions" in STAGES),
     ],
-    "analyse": [((), "pipeline.inspection.counts:Solver")],
+    "analyse": [((), "pipeline.inspection.statistics:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
-    "card": [((), "pipeline.inspection.statistics:_pair")],
+    "card": [((), "pipeline.inspection.analyse:_pair")],
     "report": [
-        ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:Solver"),
+        ((), "pipeline.inspection.analyse:_pair"),
+        ((), "pipeline.inspection.statistics:Solver"),
     ],
     "publish": [
         (
@@ -51,7 +51,7 @@ PLANTS = {
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
-        ((*TRAINING, "overwrite=true"), "pipeline.training.finished:require_same"),
+        ((*TRAINING, "overwrite=true"), "pipeline.training.record:require_same"),
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
@@ -62,7 +62,7 @@ PLANTS = {
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.play",
+            "labyrinth_core.benchmarks.encoding:Tape.play",
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],

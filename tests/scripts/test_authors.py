@@ -14,16 +14,13 @@ from support.learning import equal_weights, states_seen_by, targets_of
 from support.making import Run, perform
 
 from labyrinth_core.evaluation import Results
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import outputs_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.learning import Learner, Problem, outputs_of
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.training import train
+from pipeline.training.identity import find
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
-from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
@@ -327,7 +324,7 @@ def test_each_method_keeps_the_first_best_policy_by_its_own_figure(
     def judge(_: Any) -> dict[str, float]:
         return {"validation_sr": 0.5, **misleading, figure: next(tried)}
 
-    path = tmp_path / CHECKPOINT
+    path = tmp_path / "checkpoint"
     done = fit(learner, judge, PROTOCOLS["authors"], path, {}, lambda _: None)
     assert done.best is not None
     assert done.best["epoch"] == kept

@@ -12,7 +12,7 @@ import pytest
 from environments.summaries import Summary
 
 from labyrinth_core.world import LabyrinthError
-from pipeline.command.dataset import DatasetOptions, dataset_config
+from pipeline.command.composed import DatasetOptions, dataset_config
 
 pytestmark = pytest.mark.slow
 

@@ -10,7 +10,7 @@ import pytest
 import run_queue as queue
 from support.composing import composed
 
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 
 def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from hydra import compose, initialize_config_dir
 
-from pipeline.command.command_line import HYDRA, parsed, register
+from pipeline.command.command_line import HYDRA, as_given, parsed, register
 from pipeline.command.composed import CONF, options_of
-from pipeline.command.texts import as_given
 from support.making import Run, RunConfig, resolve
 
 

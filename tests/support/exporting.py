@@ -8,7 +8,7 @@ from typing import Any
 
 from labyrinth_core import load_episodes
 from labyrinth_core.data import LoadedEpisode
-from pipeline.config.export import ExportOptions
+from pipeline.config import ExportOptions
 from pipeline.export import stage
 from pipeline.export.split import Split
 from support.making import Run, RunConfig, resolve

@@ -12,7 +12,7 @@ from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
 from pipeline.command import composed
 from pipeline.command.stages import STAGES
-from pipeline.config.stage import Job
+from pipeline.config import Job
 from pipeline.generation import build
 
 

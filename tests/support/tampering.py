@@ -21,7 +21,7 @@ from PIL import Image
 from labyrinth_core.data import COLUMNS, Dataset, Manifest
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import PICTURE_SIZE, Painter, PictureDigest
-from labyrinth_core.pictures.png import strips_in, strips_of
+from labyrinth_core.pictures.png import strips_of
 from labyrinth_core.storage import File
 from labyrinth_core.world import Labyrinth, Solver
 from pipeline.generation.check import validate
@@ -165,7 +165,7 @@ def picture_digest_of(png: bytes) -> bytes:
         return PictureDigest(strips).digest({})
     try:  # Of another encoder. Pillow takes five milliseconds.
         picture = np.array(Image.open(io.BytesIO(png)).convert("RGB"))
-        return PictureDigest(strips_in(picture)).digest({})
+        return PictureDigest.of(picture)
     except (OSError, SyntaxError):
         return b"not a picture at all"
 
@@ -174,15 +174,14 @@ def episode_rows(split: str, number: int, labyrinth: Labyrinth, actions: list[in
     """Return the rows of an episode, right in everything."""
     episode = labyrinth.replay(actions)
     painter = Painter(labyrinth)
+    numbers = {column.name: column.values(episode) for column in COLUMNS if column.values}
     return [
         {
             "obs": {
                 "bytes": painter.png(state),
                 "path": f"{split}-{number:06d}-000-{step:04d}.png",
             },
-            "actions": [*actions, -1][step],
-            "rewards": [*episode.rewards.tolist(), 0.0][step],
-            "episode_starts": step == 0,
+            **{name: values[step] for name, values in numbers.items()},
             "info": dump(labyrinth),
         }
         for step, state in enumerate(episode.states)

@@ -11,7 +11,7 @@ from gymnasium.envs.toy_text.frozen_lake import FrozenLakeEnv, generate_random_m
 from numpy.typing import NDArray
 
 from labyrinth_core.env import LabyrinthEnv
-from labyrinth_core.env.observation import Observation
+from labyrinth_core.env.environment import Observation
 
 TEST = 1_000_000
 """The first seed of test."""

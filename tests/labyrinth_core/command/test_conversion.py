@@ -8,8 +8,7 @@ import pytest
 from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.command.__main__ import main
-from labyrinth_core.language import dump, load
-from labyrinth_core.language.collection import read_collection
+from labyrinth_core.language import Collection, dump, load
 
 CLOSED = changed(3, 4, 1, BARE)
 """A structure without a route between its corners."""
@@ -42,7 +41,7 @@ def test_several_become_files_by_split_that_are_read_back(run, tmp_path):
         f"{name}.labyrinth" for name in ("test/000000", "train/000000", "train/000001")
     ]
     assert {load(out / file) for file in files} == {LABYRINTH}
-    assert [entry.split for entry in read_collection(out)] == ["test", "train", "train"]
+    assert [entry.split for entry in Collection(out)] == ["test", "train", "train"]
 
 
 def test_what_cannot_be_converted_is_told_and_the_rest_is(run, tmp_path):

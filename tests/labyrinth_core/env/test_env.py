@@ -21,8 +21,7 @@ from support.strategies import labyrinths
 
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.language import dump, labyrinth_id, parse
-from labyrinth_core.pictures import render
-from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.pictures import ObservationSpec, render
 from labyrinth_core.world import BUCKETS, Action, Labyrinth, Look, Solver, State, Structure, Task
 
 NAME = "labyrinth_core.env:Labyrinth-v0"
@@ -109,7 +108,7 @@ def test_a_walk_is_what_dynamics_solver_renderer_and_vector_form_say(labyrinth):
         number = labyrinth.state_index(state)
         (image, *rest, info), (vector, *_), (index, *_) = (env.step(action) for env in envs)
         assert (image == render(labyrinth, state, 64)).all()
-        assert (vector == vector_observation(labyrinth, state)).all()
+        assert (vector == ObservationSpec("vector").look([(labyrinth, state)])).all()
         assert index == number
         assert rest == [labyrinth.reward(state), labyrinth.is_terminal(state), False]
         assert info["labyrinth"] == dump(labyrinth)

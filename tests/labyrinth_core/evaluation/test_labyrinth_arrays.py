@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
-from labyrinth_core import load_arrays
+from labyrinth_core import load_arrays, load_episodes
 from labyrinth_core.data import SPLITS
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, labyrinth_arrays
-from labyrinth_core.pictures import PICTURE_SIZE, Looks, ObservationSpec, looks, observations
+from labyrinth_core.pictures import PICTURE_SIZE, Looks, ObservationSpec, observations
 from labyrinth_core.world import Look, Solver
 
 
@@ -97,12 +96,12 @@ def test_what_is_seen_is_what_the_dataset_shows(datasets, config, arguments):
 def test_pictures_that_are_too_many_to_hold_are_drawn_when_they_are_looked_at(
     datasets, config, size, kept, monkeypatch
 ):
-    monkeypatch.setattr(looks, "KEPT_BYTES", kept)
+    monkeypatch.setattr(observations, "KEPT_BYTES", kept)
     load = partial(load_arrays, datasets, config, "test", image_size=size)
     held = load().observations
-    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes)
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes)
     assert isinstance(load().observations, np.ndarray)
-    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
     drawn = load().observations
     assert isinstance(drawn, Looks)
     assert len(drawn) == len(held)
@@ -118,7 +117,7 @@ def test_vectors_and_texts_that_are_too_many_to_hold_are_made_when_they_are_look
 ):
     load = partial(load_arrays, datasets, config, "test", observation=observation)
     held = load().observations
-    monkeypatch.setattr(looks, "HELD_BYTES", held.nbytes - 1)
+    monkeypatch.setattr(observations, "HELD_BYTES", held.nbytes - 1)
     made = load().observations
     assert isinstance(made, Looks)
     states = np.arange(len(held))[::-2]

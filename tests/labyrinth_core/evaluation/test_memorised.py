@@ -28,7 +28,7 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.world import Labyrinth
-from pipeline.command.dataset import SplitsConfig
+from pipeline.command.composed import SplitsConfig
 
 Build = Callable[..., Run]
 

@@ -13,30 +13,27 @@ from support.strategies import connected_structures
 from labyrinth_core import evaluate, load_arrays
 from labyrinth_core.evaluation import Description, Player, PolicyError
 from labyrinth_core.evaluation.replanner import Replanner
-from labyrinth_core.pictures.vector import vector_observation
-from labyrinth_core.world import Labyrinth, State, Task
-from labyrinth_core.world.grid import neighbours
-from labyrinth_core.world.structure import breadth_first
+from labyrinth_core.pictures import ObservationSpec
+from labyrinth_core.world import Labyrinth, State, Structure, Task
 
 CONFIG = CONFIGS[Task.PARTIAL_OBSERVABILITY]
 
 
 def planned(labyrinth, agent, seen):
     """Return the first action of a shortest route in which unseen passages are open."""
-    structure = labyrinth.structure
-
-    def ways(cell):
-        beside = neighbours(cell, structure.height, structure.width)
-        return {
-            action: other
-            for action, other in beside.items()
-            if structure.moves[cell][action] == other or not {cell, other} & seen
-        }
-
-    onward = [list(ways(cell).values()) for cell in range(structure.cells)]
-    distances = breadth_first(onward, [labyrinth.goal])
-    found = ways(agent)
-    return min(sorted(found), key=lambda action: distances[found[action]])
+    size = labyrinth.structure.height, labyrinth.structure.width
+    known = {*labyrinth.structure.passages()}
+    hoped = Structure.from_passages(
+        *size,
+        [
+            pair
+            for pair in Structure.without_walls(*size).passages()
+            if pair in known or seen.isdisjoint(pair)
+        ],
+    )
+    distances = hoped.distances(labyrinth.goal)
+    moves = [action for action, cell in enumerate(hoped.moves[agent]) if cell != agent]
+    return min(moves, key=lambda action: distances[hoped.moves[agent][action]])
 
 
 @given(structure=connected_structures(), data=st.data(), memory=st.booleans())
@@ -50,7 +47,7 @@ def test_it_plans_with_what_it_has_seen_and_hopes_for_the_rest(structure, data, 
     while agent != goal and (memory or agent not in visited):
         visited.append(agent)
         seen = (seen if memory else set()) | structure.visible_from(agent)
-        action = replanner.act(vector_observation(labyrinth, State(agent))[None])[0]
+        action = replanner.act(ObservationSpec("vector").look([(labyrinth, State(agent))]))[0]
         assert action == planned(labyrinth, agent, seen)
         assert structure.moves[agent][action] != agent
         agent = structure.moves[agent][action]

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from labyrinth_core.language import LabyrinthSyntaxError, dump, load, parse
-from labyrinth_core.language.text import SETTINGS
+from labyrinth_core.language import SETTINGS_OF, LabyrinthSyntaxError, dump, load, parse
 from labyrinth_core.world import TILES
 
 DATA = Path(__file__).parents[2] / "data"
@@ -25,7 +24,9 @@ def name(path: Path) -> str:
 
 def expected(path: Path) -> str:
     """Return the message in a file, with the settings and the letters that there are filled in."""
-    message = path.read_text(encoding="utf-8").replace("{settings}", ", ".join(SETTINGS))
+    lines = "".join(SETTINGS_OF.values()).splitlines()
+    settings = ", ".join(dict.fromkeys(line.partition(":")[0] for line in lines))
+    message = path.read_text(encoding="utf-8").replace("{settings}", settings)
     return message.replace("{letters}", ", ".join(tile.letter for tile in TILES))
 
 

@@ -1,10 +1,9 @@
 import io
 
 import numpy as np
-import pytest
 from PIL import Image
 
-from labyrinth_core.pictures.animation import beside, frames_of, gif
+from labyrinth_core.pictures import Painter, animate
 from labyrinth_core.world import Solver, Task, sample_labyrinth
 
 
@@ -26,30 +25,26 @@ def decoded(data):
     return np.stack(frames), durations
 
 
-def test_a_gif_holds_the_pictures_of_every_state_of_one_episode_after_another_to_the_pixel():
-    episodes = [frames_of(episode(task)) for task in Task]
-    shown, durations = decoded(gif(episodes))
-    assert np.array_equal(shown, np.concatenate(episodes))
-    assert durations == [ms for each in episodes for ms in [300] * (len(each) - 1) + [1500]]
+def pictures_of(shown):
+    """Return the pictures of an episode's states, shape (T + 1, 300, 300, 3)."""
+    painter = Painter(shown.labyrinth)
+    return np.stack([painter.array(state, 300) for state in shown.states])
+
+
+def test_a_gif_holds_the_pictures_of_every_state_to_the_pixel():
+    for task in Task:
+        pictures = pictures_of(episode(task))
+        shown, durations = decoded(animate(episode(task)))
+        assert np.array_equal(shown, pictures)
+        assert durations == [300] * (len(pictures) - 1) + [1500]
 
 
 def test_the_shorter_of_two_episodes_waits_for_the_other():
-    short, long = frames_of(episode(Task.NAVIGATION, 3)), frames_of(episode(Task.NAVIGATION))
-    both = beside(short, long, gap=4)
-    assert len(both) == len(long)
-    assert both[0].shape == (300, 604, 3)
-    assert np.array_equal(both[-1][:, :300], short[-1])
-    assert np.array_equal(both[-1][:, 304:], long[-1])
-
-
-@pytest.mark.parametrize(
-    ("episodes", "found"),
-    [
-        ([], "no frames"),
-        (np.zeros((2, 9, 9, 3), np.uint8), r"\(9, 3\)"),
-        ([np.zeros((1, size, size, 3), np.uint8) for size in (9, 8)], r"\(8, 8, 3\), \(9, 9, 3\)"),
-    ],
-)
-def test_frames_of_other_shapes_are_refused(episodes, found):
-    with pytest.raises(ValueError, match=rf"^{found}: give episodes, each a list of frames"):
-        gif(episodes)
+    short, long = episode(Task.NAVIGATION, 3), episode(Task.NAVIGATION)
+    shown, durations = decoded(animate(short, long))
+    assert len(shown) == len(durations) == len(long) + 1
+    assert shown[0].shape == (300, 620, 3)
+    assert np.array_equal(shown[: len(short) + 1, :, :300], pictures_of(short))
+    assert (shown[len(short) :, :, :300] == shown[len(short), :, :300]).all()
+    assert (shown[:, :, 300:320] == 255).all()
+    assert np.array_equal(shown[:, :, 320:], pictures_of(long))

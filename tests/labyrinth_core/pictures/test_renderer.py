@@ -27,11 +27,16 @@ from support.known_labyrinths import KEY_AND_DOOR
 from support.strategies import labyrinths, randoms
 
 from labyrinth_core.language import parse
-from labyrinth_core.pictures import DEFAULT_STYLE, MAX_PICTURED_SIDE, PICTURE_SIZE, Painter, render
-from labyrinth_core.pictures.png import strips_of
-from labyrinth_core.pictures.renderer import Style
-from labyrinth_core.pictures.resize import area_average, shrink
-from labyrinth_core.pictures.scenes import draw
+from labyrinth_core.pictures import (
+    DEFAULT_STYLE,
+    MAX_PICTURED_SIDE,
+    PICTURE_SIZE,
+    ObservationSpec,
+    Painter,
+    render,
+)
+from labyrinth_core.pictures.resize import area_average
+from labyrinth_core.pictures.style import Style
 from labyrinth_core.world import Labyrinth, State, Structure, Task, sample_labyrinth
 
 NAVIGATION = """
@@ -155,7 +160,8 @@ def test_the_png_holds_the_very_pixels_of_the_array(labyrinth, data):
     with Image.open(io.BytesIO(png)) as image:
         assert (image.mode, image.size) == ("RGB", (600, 600))
         np.testing.assert_array_equal(np.asarray(image), picture)
-    np.testing.assert_array_equal(shrink(strips_of(png, PICTURE_SIZE), PICTURE_SIZE), picture)
+    (decoded,) = ObservationSpec("image", PICTURE_SIZE).decoded([png])
+    np.testing.assert_array_equal(decoded, picture)
 
 
 @pytest.mark.slow
@@ -388,13 +394,12 @@ def test_a_size_of_numpys_draws_the_same_and_what_is_no_size_is_refused():
     labyrinth = parse(KEY_AND_DOOR)
     state = State(labyrinth.start)
     assert (render(labyrinth, state, np.int64(48)) == render(labyrinth, state, 48)).all()
-    views = [(labyrinth, state)]
-    assert (draw(views, np.uint8(48)) == draw(views, 48)).all()
+    assert ObservationSpec("image", np.uint8(48)) == ObservationSpec("image", 48)
     for size in (True, 0, 601, 48.0, "48"):
         refused = rf"^image_size={size!r}: give a whole number from 1 to 600$"
         with pytest.raises(ValueError, match=refused):
             render(labyrinth, state, size)
         with pytest.raises(ValueError, match=refused):
-            draw(views, size)
+            ObservationSpec("image", size)
     with pytest.raises(ValueError, match=r"^wall_pixels=0: give a whole number from 1 on$"):
         render(labyrinth, state, style=Style(wall_pixels=0))

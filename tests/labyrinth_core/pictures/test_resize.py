@@ -9,9 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.pictures import PICTURE_SIZE, Painter
-from labyrinth_core.pictures.png import strips_of
-from labyrinth_core.pictures.resize import REMEMBERED_BYTES, area_average, shrink
+from labyrinth_core.pictures import ObservationSpec, Painter
+from labyrinth_core.pictures.resize import area_average, shrink
 
 
 @pytest.mark.slow
@@ -20,11 +19,11 @@ from labyrinth_core.pictures.resize import REMEMBERED_BYTES, area_average, shrin
 def test_a_drawn_picture_is_the_averaged_large_one(labyrinth, image_size, data):
     state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
     painter = Painter(labyrinth)
-    small = shrink(painter.strips(state), image_size)
+    small = painter.array(state, image_size)
     assert small.flags.writeable
     np.testing.assert_array_equal(small, area_average(painter.array(state), image_size))
-    decoded = strips_of(painter.png(state), PICTURE_SIZE)
-    np.testing.assert_array_equal(small, shrink(decoded, image_size))
+    (decoded,) = ObservationSpec("image", image_size).decoded([painter.png(state)])
+    np.testing.assert_array_equal(small, decoded)
 
 
 @pytest.mark.slow
@@ -37,4 +36,4 @@ def test_what_is_remembered_takes_no_more_than_a_fixed_space():
         remembered, _ = tracemalloc.get_traced_memory()
     finally:
         tracemalloc.stop()
-    assert remembered < 2.2 * REMEMBERED_BYTES
+    assert remembered < 2.2 * 32 * 2**20

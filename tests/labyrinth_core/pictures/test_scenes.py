@@ -9,12 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from support.strategies import labyrinths
 
-from labyrinth_core.pictures import Painter
-from labyrinth_core.pictures.backdrops import Backdrops
-from labyrinth_core.pictures.bands import bands_of
-from labyrinth_core.pictures.renderer import AGENT_INSET, style_for
+from labyrinth_core.pictures import DEFAULT_STYLE, ObservationSpec, Painter
+from labyrinth_core.pictures.backdrops import Backdrops, bands_of
 from labyrinth_core.pictures.resize import area_average
-from labyrinth_core.pictures.scenes import KeptScenes, draw
+from labyrinth_core.pictures.scenes import KeptScenes
 from labyrinth_core.world import (
     Labyrinth,
     Labyrinths,
@@ -44,6 +42,11 @@ def assert_plain(pictures: np.ndarray, drawn: list[tuple[Labyrinth, State]]) -> 
     for picture, (labyrinth, state) in zip(pictures, drawn, strict=True):
         plain = area_average(Painter(labyrinth).array(state), image_size)
         np.testing.assert_array_equal(picture, plain, repr((labyrinth, state)))
+
+
+def draw(views, image_size, resize="area"):
+    """Return the pictures of states, drawn together."""
+    return ObservationSpec("image", image_size, resize=resize).look(views)
 
 
 @pytest.mark.slow
@@ -105,15 +108,13 @@ def test_the_memory_of_kept_scenes_is_known_before_they_are_drawn(task):
 @settings(max_examples=25)
 def test_bilinear_is_what_a_tensor_is_resized_to_without_antialiasing(labyrinth, image_size, data):
     state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
-    wall_pixels = data.draw(st.sampled_from([None, 2]))
-    size = labyrinth.structure.height, labyrinth.structure.width
-    painter = Painter(labyrinth, style_for(labyrinth.look, *size, wall_pixels))
+    painter = Painter(labyrinth, replace(DEFAULT_STYLE, wall_pixels=2))
     large = torch.tensor(painter.array(state)).permute(2, 0, 1)[None].double()
     expected = torch.nn.functional.interpolate(
         large, (image_size, image_size), mode="bilinear", align_corners=False, antialias=False
     )[0].permute(1, 2, 0)
     view = [(labyrinth, state)]
-    (small,) = draw(view, image_size, wall_pixels=wall_pixels, resize="bilinear")
+    (small,) = draw(view, image_size, "original")
     # Rounded to whole numbers, here exactly.
     assert np.abs(small - expected.numpy()).max() <= 0.5 + 1e-6
 
@@ -125,29 +126,24 @@ def test_without_antialiasing_walls_as_thin_as_the_originals_vanish(size, lost):
     top = [(cell, cell + 1) for cell in range(size * (size - 1), size * size - 1)]
     walled = Labyrinth(Structure.from_passages(size, size, columns + top), 0, size * size - 1)
 
-    def vanished(wall_pixels, resize):
-        view = [(walled, walled.initial)]
-        (picture,) = draw(view, 64, wall_pixels=wall_pixels, resize=resize)
+    def vanished(resize):
+        (picture,) = draw([(walled, walled.initial)], 64, resize)
         row = picture[64 - 64 // size - 64 // (2 * size)].mean(axis=1)  # The second from below.
         near = [slice(64 * line // size - 2, 64 * line // size + 3) for line in range(1, size)]
         return sum(row[pixels].min() == 255 for pixels in near)
 
-    assert vanished(2, "bilinear") == lost
-    assert vanished(2, "area") == vanished(None, "bilinear") == 0
+    assert vanished("original") == lost
+    assert vanished("area") == 0
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("image_size", [1, 7, 64, 600])
-@pytest.mark.parametrize("most", [2, 3, 5, 12, 25, 74, 100, 151, 299])
-def test_a_window_holds_the_whole_agent_whatever_the_walls(most, image_size):
-    for wall_pixels in (None, 1):
-        for resize in ("area", "bilinear"):
-            bands = bands_of(2, most, wall_pixels, image_size, resize)
-            columns = bands.columns
-            within, whole = columns.in_windows[AGENT_INSET], columns.squares[AGENT_INSET]
-            np.testing.assert_array_equal(within.sum(axis=1), whole.sum(axis=1))
-            assert (columns.begins >= 0).all()
-            assert (columns.begins + bands.reach <= image_size).all()
+@pytest.mark.parametrize("look", [Look.PLAIN, Look.THIN_WALLS])
+@pytest.mark.parametrize("most", [2, 5, 25, 74, 100, 151, 299])
+def test_the_whole_agent_is_drawn_wherever_it_is_and_whatever_the_walls(most, look):
+    labyrinth = replace(Labyrinth(Structure.without_walls(2, most), 0, 2 * most - 1), look=look)
+    drawn = [(labyrinth, State(cell)) for cell in (0, most // 3, most - 1, most + most // 2)]
+    for image_size in (1, 7, 64):
+        assert_plain(draw(drawn, image_size), drawn)
 
 
 @pytest.mark.parametrize("image_size", [64, 100, 61, 600])

@@ -4,11 +4,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 from support.brute_force import passages_of, sees, world_of
-from support.known_labyrinths import SMALL_KEY_AND_DOOR as KEY_AND_DOOR
 from support.strategies import labyrinths
 
-from labyrinth_core.language import parse
-from labyrinth_core.pictures.vector import vector_observation
+from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Task
 
 
@@ -40,13 +38,6 @@ def expected(labyrinth, state):
 @given(labyrinths(), st.data())
 def test_a_vector_has_the_positions_and_what_is_seen_of_the_walls(labyrinth, data):
     state = labyrinth.state_at(data.draw(st.integers(0, labyrinth.state_count - 1)))
-    vector = vector_observation(labyrinth, state)
+    (vector,) = ObservationSpec("vector").look([(labyrinth, state)])
     assert vector.dtype == np.int32
     assert vector.tolist() == expected(labyrinth, state)
-
-
-def test_each_vector_is_the_callers_own():
-    labyrinth = parse(KEY_AND_DOOR)
-    first = vector_observation(labyrinth, labyrinth.initial)
-    first[:] = 9
-    assert vector_observation(labyrinth, labyrinth.initial).max() < 15

@@ -10,7 +10,7 @@ from labyrinth_core.learning.networks.slots import (
     Slots,
 )
 from labyrinth_core.pictures import DEFAULT_STYLE, render
-from labyrinth_core.pictures.renderer import Style
+from labyrinth_core.pictures.style import Style
 from labyrinth_core.world import Labyrinth, State, Task, sample_labyrinth
 
 RNG = np.random.default_rng(0)

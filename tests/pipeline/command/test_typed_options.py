@@ -6,6 +6,7 @@ A name that does not exist is answered with its likely name.
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import get_origin
 
 import pytest
@@ -13,14 +14,14 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
+from support.commands import refused as refused_command
 from support.composing import composed
 from support.making import RunConfig
 
-from pipeline.command.command_line import arranged, parsed, refusal
+from pipeline.command.command_line import arranged, parsed, quote_texts, refusal
 from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.stages import STAGES
-from pipeline.command.texts import quote_texts
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
@@ -142,6 +143,34 @@ def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
     name: str, advice: str
 ) -> None:
     assert refused(f"{name}=1") == f"{name} is not an option: {advice}"
+
+
+@pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("buckets: {train: 34, validation: 33, test: 33}", "buckets.train is no longer an option"),
+        ("executor_address: null", "executor_address is no longer an option: give the address"),
+        ("leakage: {source: null}", "leakage is no longer an option: give stages=certify"),
+        ("stages: {a: 1}", "stages={'a': 1}: give a list of texts"),
+        ("splits: [3]", "splits=[3]: give its own options, as splits.NAME=..."),
+        ("evaluation: {splits: {a: 1}}", "evaluation.splits={'a': 1}: give a list of texts"),
+        ("method: bc", "method: a file chooses it in its defaults, as `- method: bc`"),
+    ],
+)
+def test_a_file_of_options_whose_values_do_not_fit_is_answered_with_the_option(
+    tmp_path: Path, line: str, answer: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(f"defaults: [base, _self_]\n{line}\n")
+    error = refused_command("--config-dir", str(tmp_path), "--config-name", "mine")
+    assert error.startswith(f"error: {answer}")
+
+
+@pytest.mark.parametrize(
+    "argument", ["buckets.train=50", "+executor_address=tcp://a:1", "leakage.source=x"]
+)
+def test_an_option_of_an_earlier_version_is_answered_with_what_to_type_now(argument: str) -> None:
+    name = argument.lstrip("+").partition("=")[0]
+    assert refused(argument).startswith(f"{name} is no longer an option: give ")
 
 
 @pytest.mark.parametrize(

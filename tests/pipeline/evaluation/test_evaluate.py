@@ -14,7 +14,7 @@ from labyrinth_core import Dataset, PolicyError, evaluate, load_arrays, load_epi
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Player, Results
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.training import train
 
 pytestmark = pytest.mark.slow

@@ -20,10 +20,10 @@ from support.quick_python import python
 from labyrinth_core import PolicyError, evaluate, open_policy
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
-from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
+from pipeline.command.composed import SplitsConfig
+from pipeline.config import ConfigError
 
 __all__ = ["local_hub"]
 

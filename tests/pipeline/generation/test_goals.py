@@ -17,7 +17,7 @@ from support.tampering import problems, replace_first
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.language import parse
 from labyrinth_core.world import Task
-from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
+from pipeline.command.composed import DemonstrationsConfig, SplitsConfig
 
 pytestmark = pytest.mark.slow
 

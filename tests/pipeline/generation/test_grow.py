@@ -14,7 +14,7 @@ from support.tampering import content_of, manifest_of
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.command.dataset import SplitsConfig
+from pipeline.command.composed import SplitsConfig
 
 Build = Callable[..., Run]
 

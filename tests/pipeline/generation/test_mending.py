@@ -24,7 +24,7 @@ from support.tampering import (
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.artifact import leave
+from pipeline.machinery import leave
 
 Build = Callable[..., Run]
 

@@ -16,8 +16,8 @@ from support.tampering import problems
 from labyrinth_core import load_transitions
 from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.world import Labyrinth, Solver, State, Task
-from pipeline.command.dataset import DemonstrationsConfig
-from pipeline.inspection.counts import routes_of
+from pipeline.command.composed import DemonstrationsConfig
+from pipeline.inspection import routes_of
 
 pytestmark = pytest.mark.slow
 

@@ -15,7 +15,7 @@ import pytest
 from support.making import Run
 
 from labyrinth_core.data import SPLITS, Manifest
-from pipeline.command.dataset import DemonstrationsConfig
+from pipeline.command.composed import DemonstrationsConfig
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parents[2] / "data" / "fingerprints.json").read_text(encoding="utf-8")

@@ -19,11 +19,11 @@ from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language import parse
 from labyrinth_core.world import Labyrinth, Look, Solver, Structure
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
 from pipeline.generation.structures import sample
-from pipeline.inspection.statistics import count_dataset
+from pipeline.inspection import statistics
 from pipeline.machinery import console
 
 Build = Callable[..., Run]
@@ -186,7 +186,10 @@ def test_a_shard_whose_parents_have_no_such_variant_is_empty(build: Build, tmp_p
     manifest = Manifest.read(run.folder)
     assert [shard.labyrinths for shard in manifest.of("one_wall")] == [2, 0]
     assert problems(run.folder) == []
-    assert count_dataset(Dataset.at(run.folder, manifest)).splits["one_wall"].labyrinths == 2
+    assert (
+        statistics.count_dataset(Dataset.at(run.folder, manifest)).splits["one_wall"].labyrinths
+        == 2
+    )
     loaded = load_transitions(run.data_dir, "3x3", split="one_wall", cache_dir=False)
     assert len(set(loaded.labyrinth_ids)) == 2
 
@@ -196,7 +199,7 @@ def test_equal_twins_of_two_labyrinths_of_train_are_one(build: Build, tmp_path: 
     """With this seed the last two of train have the same twin, whose rows would be taken as one."""
     run = build(tmp_path, labyrinths=32, seed=6, random_steps=5, shifts=("one_wall",))
     assert problems(run.folder) == []
-    counts = count_dataset(Dataset.at(run.folder)).splits["one_wall"]
+    counts = statistics.count_dataset(Dataset.at(run.folder)).splits["one_wall"]
     assert counts.labyrinths == counts.episodes == 9
 
 

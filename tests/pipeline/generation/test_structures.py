@@ -21,8 +21,8 @@ from support.making import Run
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Structure
-from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
+from pipeline.command.composed import SplitsConfig
+from pipeline.config import ConfigError
 from pipeline.generation.candidates import unpack
 from pipeline.generation.structures import check_capacity, sample
 

@@ -23,12 +23,11 @@ from support.tampering import content_of
 
 from labyrinth_core.data import Dataset, Shard
 from labyrinth_core.errors import DatasetError
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation import build as generation
 from pipeline.generation.build import make_shard
 from pipeline.generation.check import validate
-from pipeline.machinery import executor
-from pipeline.machinery.executor import cluster, ordered_map
+from pipeline.machinery import cluster, executor, ordered_map
 
 pytestmark = pytest.mark.slow
 

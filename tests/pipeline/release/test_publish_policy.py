@@ -31,7 +31,7 @@ from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release.model import stage_policy
 from pipeline.release.options import PublishOptions
 from pipeline.training import train
@@ -266,7 +266,7 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     for name in ("results.json", "run.json"):
         for setting, text in (("a", "<b>|"), ("b", "`<img src=x>\n## Mine`")):
             change(copied.training_folder / name, "run", "settings", setting, value=text)
-    (copied.training_folder / HASHES).unlink()  # It has the hash of the unchanged record.
+    (copied.training_folder / Sums.FILE).unlink()  # It has the hash of the unchanged record.
     stage_policy(copied, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)

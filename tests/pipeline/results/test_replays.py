@@ -18,7 +18,7 @@ from support.submitted import forgetful, results_of
 from labyrinth_core import Dataset, evaluate, open_policy
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 
 MLP = PolicySpec(NetworkSpec("mlp", 3, 3, "navigation"), average=False)
 

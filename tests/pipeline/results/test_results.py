@@ -18,8 +18,8 @@ from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.console import say_once
+from pipeline.config import ConfigError
+from pipeline.machinery import console
 from pipeline.results import results as stage
 from pipeline.results.leaderboard import entries_of
 from pipeline.results.tables import paper_figures
@@ -102,10 +102,12 @@ def test_a_mean_over_seeds_is_rounded_once_so_that_no_version_of_python_changes_
 
 
 @pytest.mark.slow
-def test_the_tables_are_made_of_the_kept_runs_alone(evaluated, run_of, tmp_path, capsys):
+def test_the_tables_are_made_of_the_kept_runs_alone(
+    evaluated, run_of, tmp_path, capsys, monkeypatch
+):
     folder = tmp_path / "results"
     tables = ("README.md", "results.csv", "leaderboard.md", "leaderboard.csv")
-    say_once.cache_clear()
+    monkeypatch.setattr(console, "_said", set())
     perform("results", run_of(evaluated))
     printed = capsys.readouterr().out
     assert "DAgger" in printed

@@ -19,10 +19,11 @@ from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.policies import graph
 from labyrinth_core.policies.graph import GraphPolicy
 from labyrinth_core.policies.graph_process import ASKED
-from labyrinth_core.policies.load import GRAPH, MOST_BYTES
 from pipeline.season.judge import fetched
 
 pytestmark = pytest.mark.slow
+
+GRAPH, MOST_BYTES = "model.onnx", 1 << 28
 
 WEIGHTS = np.random.default_rng(0).normal(size=(64 * 64 * 3, 4)).astype(np.float32)
 PICTURES = np.random.default_rng(1).integers(256, size=(9, 64, 64, 3)).astype(np.uint8)
@@ -159,9 +160,9 @@ def test_a_large_graph_and_what_is_no_graph_are_refused_before_they_are_read(tmp
     large = tmp_path / GRAPH
     large.touch()
     with large.open("r+b") as file:
-        file.truncate(MOST_BYTES[GRAPH] + 1)
+        file.truncate(MOST_BYTES + 1)
     for given, message in (
-        (large, f"has {MOST_BYTES[GRAPH] + 1:,} bytes, more than {MOST_BYTES[GRAPH]:,}"),
+        (large, f"has {MOST_BYTES + 1:,} bytes, more than {MOST_BYTES:,}"),
         (tmp_path, "more than"),
         (tmp_path / "missing", "is neither a folder, a file, nor an id"),
     ):

@@ -17,10 +17,10 @@ from support.policies import RELEASED, lay_out_run
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import MapperSpec, PlannerSpec
 from labyrinth_core.policies import load, opening
-from labyrinth_core.policies.load import GRAPH
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.season import judge
 from pipeline.season.judge import fetched
 
@@ -288,6 +288,7 @@ def test_usual_names_are_taken(named):
     judge.check_name(named)
 
 
+GRAPH = "model.onnx"
 POSIX = pytest.mark.skipif(os.name != "posix", reason="this system has no such files")
 
 

@@ -15,9 +15,9 @@ from support.policies import RELEASED
 from support.publishing import local_hub, run_script
 
 from labyrinth_core.evaluation import Results
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation import build
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.season import judge
 
 __all__ = ["local_hub"]
@@ -103,7 +103,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
     names = ["1.json", "config.json", "judged.json", "model.safetensors", "season.json"]
-    assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
+    assert sorted(path.name for path in contents) == sorted([*names, Sums.FILE, Sums.FILE])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
     told += [str(seed).encode(), f"{seed:x}".encode(), seed.to_bytes(8, "big")]
