@@ -119,7 +119,9 @@ class Results:
         if beside:
             rows = [["split", *(name.replace("_", " ") for name in beside)]]
             for split in self.splits:
-                rows.append([split, *(_pair(each[split]) for each in beside.values())])
+                figures_of = (each[split] for each in beside.values())
+                shares = (f"{100 * each['spl']:.0f}/{100 * each['sr']:.0f}" for each in figures_of)
+                rows.append([split, *shares])
             lines += ["", BASELINES_LEGEND, *_aligned(rows)]
         return "\n".join(lines)
 
@@ -365,10 +367,6 @@ def _cells(scores: Scores) -> list[str]:
         _percent(scores.sr_new_route),
         f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
     ]
-
-
-def _pair(figures: Mapping[str, float]) -> str:
-    return f"{100 * figures['spl']:.0f}/{100 * figures['sr']:.0f}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:
