@@ -107,7 +107,15 @@ class Results:
         """Return the figures as tables with a line for each split."""
         figures = [list(HEADINGS)]
         figures += [[split, *_cells(scores)] for split, scores in self.splits.items()]
-        lines = [self._title(), *_aligned(figures)]
+        shown = self.observation
+        if self.image_size is not None:
+            shown += f" of {self.image_size} x {self.image_size}"
+        count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
+        lines = [
+            f"{self.config} of {printable_line(self.dataset)}",
+            f"{shown}, {count} per labyrinth, by {self.way}",
+            *_aligned(figures),
+        ]
         failures = {split: each.figures()["failures"] for split, each in self.splits.items()}
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
         if kinds:
@@ -128,14 +136,6 @@ class Results:
     def legend(self) -> list[str]:
         """Return what the columns of `tables` mean, in parts."""
         return [*Results.LEGEND, *[REPLANNER_LEGEND] * (REPLANNERS[0] in self.baselines)]
-
-    def _title(self) -> str:
-        shown = self.observation
-        if self.image_size is not None:
-            shown += f" of {self.image_size} x {self.image_size}"
-        count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        dataset = printable_line(self.dataset)
-        return f"{self.config} of {dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,
