@@ -54,7 +54,7 @@ def run(job: Job[EvaluateOptions]) -> None:
         splits,
         asked.episodes,
         trained_on=named.trained_on,
-        follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
+        follow=lambda each: tracked(each, "evaluate", len(each)),
     )
     if asked.memorised:
         results = _with_receipt(job, shown, results)

@@ -176,7 +176,7 @@ def judged(
         ["test", *data.manifest.config.shifts],
         advice="a season judges only policies that do not draw at random and remember nothing "
         "between two batches",
-        follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
+        follow=lambda each: tracked(each, "judge", len(each)),
     )
     results = results.signed(
         season=season.name,

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from support.making import Run
+from support.making import Run, SplitsConfig
 from support.policies import Chance, Remembering, Rounds, Table, chance
 from support.remembering import local_walls
 
@@ -28,7 +28,6 @@ from labyrinth_core.evaluation.twins import (
     without_effects,
 )
 from labyrinth_core.world import Labyrinth
-from pipeline.command.composed import SplitsConfig
 
 Build = Callable[..., Run]
 
