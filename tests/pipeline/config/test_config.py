@@ -16,12 +16,11 @@ from hydra.utils import get_class
 from hypothesis import given
 from hypothesis import strategies as st
 from omegaconf import OmegaConf
-from support.composing import composed
-from support.making import RunConfig, resolve
+from support.making import DemonstrationsConfig, RunConfig, SplitsConfig, composed, resolve
 
 from labyrinth_core.data import SPLITS, DatasetConfig
 from labyrinth_core.world import ALGORITHMS, Task
-from pipeline.command.composed import OPTIONS, DemonstrationsConfig, SplitsConfig
+from pipeline.command.composed import OPTIONS
 from pipeline.command.stages import STAGES
 from pipeline.config import ConfigError, TrainingOptions, as_typed
 from pipeline.training.identity import find

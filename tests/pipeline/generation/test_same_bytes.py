@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.making import Run
+from support.making import DemonstrationsConfig, Run
 
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.world import Task
-from pipeline.command.composed import DemonstrationsConfig
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parents[2] / "data" / "fingerprints.json").read_text(encoding="utf-8")

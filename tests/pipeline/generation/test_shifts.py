@@ -10,9 +10,8 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from support.brute_force import World, fewest_moves, is_connected, loops, walk
+from support.brute_force import Shown, World, fewest_moves, is_connected, loops, shown, walk
 from support.making import Run, run_of
-from support.read_from_text import Shown, shown
 from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
