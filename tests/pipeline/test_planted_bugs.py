@@ -54,7 +54,7 @@ PLANTS = {
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
-        (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
+        (("certify.source=data",), "pipeline.certify.stage:parse"),
         (
             (
                 "certify.source=gymnasium:CartPole-v1",

@@ -14,6 +14,8 @@ from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
 from pipeline.command.command_line import HYDRA, as_given, parsed, register
 from pipeline.command.composed import ALL, CONF, options_of, part_of
+from pipeline.command.composed import DemonstrationsConfig as DemonstrationsConfig
+from pipeline.command.composed import SplitsConfig as SplitsConfig
 from pipeline.command.composed import resolve as jobs_of
 from pipeline.command.stages import STAGES
 from pipeline.config import Job

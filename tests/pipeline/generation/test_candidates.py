@@ -18,9 +18,9 @@ from support.tampering import content_of, cut_short
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
 from labyrinth_core.world import Structure
-from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
-from pipeline.generation.structures import sample
+from pipeline.generation.labyrinths import UNFIT, Records, pack, unpack
+from pipeline.generation.structures import Candidates, sample
 
 Build = Callable[..., Run]
 
